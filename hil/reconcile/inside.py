@@ -93,7 +93,7 @@ def _finding(
 
 
 def named_within(
-    findings: Sequence[dict[str, Any]],
+    findings: Sequence[Mapping[str, Any]],
     effects: Sequence[SeriesEffect],
     alpha: float,
     moving: Collection[int] = (),
@@ -122,7 +122,7 @@ def _confusable(by_id: dict[str, SeriesEffect], first: str, second: str) -> bool
 
 
 def _named(
-    leader: dict[str, Any], alike: Sequence[dict[str, Any]], by_id: dict[str, SeriesEffect]
+    leader: Mapping[str, Any], alike: Sequence[Mapping[str, Any]], by_id: dict[str, SeriesEffect]
 ) -> tuple[FoundEffect, float]:
     """Return an effect with its rivals, and the probability that nothing is there."""
     weight: dict[str, float] = {}
@@ -155,7 +155,7 @@ def _title(name: str, by_id: Mapping[str, SeriesEffect]) -> str:
     return by_id[name].title if name in by_id else effect_by_id(name).title
 
 
-def _parameter(name: str, value: float, finding: dict[str, Any]) -> dict[str, Any]:
+def _parameter(name: str, value: float, finding: Mapping[str, Any]) -> dict[str, Any]:
     """Return one estimate as a parameter: its name carries its unit."""
     suffix, unit = next(((end, unit) for end, unit in _UNITS if name.endswith(end)), ("", "1"))
     return {

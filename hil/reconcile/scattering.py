@@ -8,7 +8,7 @@ It is asked about the form of model that fits the sensor; what moves the mean, w
 compete there, so that nothing is called scatter which something else explains.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -18,18 +18,16 @@ from hil.campaign.plausibility import usable
 from hil.campaign.stand_ins import with_stand_ins
 from hil.files.document import picked
 from hil.model import load_model
-from hil.model.effects.catalogue import BASE_EFFECTS, EFFECTS, SERIES_EFFECTS, VARIANCE_EFFECTS
+from hil.model.effects.catalogue import BASE_EFFECTS, EFFECTS, VARIANCE_EFFECTS
 from hil.model.effects.prior import ALPHA
 from hil.model.forms import default_form
-from hil.reconcile.inside import within_collects
 from hil.reconcile.outcome import scatter
 from hil.reconcile.outcome.answer import Answer
 from hil.reconcile.outcome.findings import id_of
-from hil.reconcile.outcome.stated import flicker_in_words, lacking, scatter_in_words, wanders
+from hil.reconcile.outcome.stated import flicker_in_words, lacking, scatter_in_words
 from hil.reconcile.rivals import CERTAIN
 from hil.reconcile.unrecorded import repeated
-from hil.reconcile.wander import Wander
-from hil.reconcile.workflow import INSIDE, searched
+from hil.reconcile.workflow import searched
 from hil.solve.both_sensors import BothSensors, common_and_differential
 from hil.solve.omissions import in_words, otherwise, without
 from hil.solve.repeats import OF_MEANS
@@ -41,12 +39,11 @@ _NOT_REPEATED = "no run was repeated: what changes from run to run is not known"
 
 @dataclass(frozen=True)
 class Scattering:
-    """What the search came to, read for what scatters; `wanders` is what series show inside the collects, by sensor."""
+    """What the search came to, read for what scatters."""
 
     answer: Answer
     both: BothSensors | None
     to_record: Sequence[str]
-    wanders: Mapping[int, Wander]
     otherwise: Sequence[str]
 
     @property
@@ -110,7 +107,7 @@ class Scattering:
             *told,
             *([f"it may follow {listed(self.to_record)}, which nobody recorded"] if self.to_record else []),
             *([] if self.both is None else self.both.sentences()),
-            *flicker_in_words(self.wanders),
+            *flicker_in_words(self.answer.wanders),
             *self.answer.left.errors,
             *scatter_in_words(noise),
             *([f"beside it something moves the mean: {listed(self.moves)}; see hil reconcile"] if self.moves else []),
@@ -150,11 +147,4 @@ def what_scatters(campaign: Campaign) -> Scattering:
     model = load_model(default_form(next(iter(usable(asked).sensors.values())).conditions).name)
     answer = searched(asked, model, (*BASE_EFFECTS, *EFFECTS), VARIANCE_EFFECTS, ALPHA)
     to_record = lacking(campaign, answer.scatter, answer.noise)
-    inside = within_collects(asked, SERIES_EFFECTS, INSIDE * ALPHA)
-    return Scattering(
-        answer,
-        common_and_differential(campaign),
-        to_record,
-        wanders(answer.problem.model, answer.problem.campaign, answer.noise, inside),
-        otherwise(campaign, answer.rows),
-    )
+    return Scattering(answer, common_and_differential(campaign), to_record, otherwise(campaign, answer.rows))

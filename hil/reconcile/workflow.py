@@ -24,7 +24,6 @@ from hil.model.effects.catalogue import BASE_EFFECTS, EFFECTS, SERIES_EFFECTS, V
 from hil.model.effects.prior import ALPHA
 from hil.reconcile.inside import within_collects
 from hil.reconcile.naming import Named, Reading, read
-from hil.reconcile.outcome.added import added
 from hil.reconcile.outcome.answer import Answer
 from hil.reconcile.outcome.shown import shown
 from hil.reconcile.proof.held_out import HeldOut, held_out
@@ -60,9 +59,7 @@ def reconcile(
     chosen = fitting_campaign(model, campaign)
     effects = (*BASE_EFFECTS, *EFFECTS) if catalogue is None else tuple(catalogue)
     asked = with_stand_ins(pooled(campaign))
-    inside = within_collects(asked, SERIES_EFFECTS, INSIDE * alpha)
-    found = searched(asked, chosen, effects, scattering, alpha, prove=prove)
-    return shown(campaign, found, inside, added(found, inside))
+    return shown(campaign, searched(asked, chosen, effects, scattering, alpha, prove=prove))
 
 
 def searched(
@@ -82,7 +79,8 @@ def searched(
     posterior, reading = _weighed(problem, scattering, (1.0 - INSIDE) * alpha if campaign.recorded else alpha)
     proof = held_out(posterior, reading.nothing, reading.found) if prove else None
     reading, reverted = _kept(posterior, reading, proof)
-    return Answer(campaign, problem, posterior, reading, proof, reverted, alpha, prove)
+    inside = within_collects(campaign, SERIES_EFFECTS, INSIDE * alpha)
+    return Answer(campaign, problem, posterior, reading, proof, reverted, alpha, prove, inside)
 
 
 def _weighed(problem: Problem, scattering: Sequence[VarianceEffect], alpha: float) -> tuple[Posterior, Reading]:

@@ -13,7 +13,7 @@ from hil.reconcile.naming import Named, Reading
 from hil.reconcile.outcome.findings import gap_of
 from hil.reconcile.outcome.mistakes import certain, mended, outliers_found, rows_found
 from hil.reconcile.outcome.scatter import FoundScatter, found_scatter, likeliest_with, ordinary, pooled
-from hil.reconcile.outcome.stated import not_repeated
+from hil.reconcile.outcome.stated import beside, not_repeated, wanders
 from hil.reconcile.outcome.values import taken_out
 from hil.reconcile.proof.held_out import HeldOut, held_out
 from hil.reconcile.result import Gap, Solved
@@ -22,6 +22,7 @@ from hil.reconcile.search.candidates import Candidate
 from hil.reconcile.search.fitted import Fitted, Values, fitted
 from hil.reconcile.search.posterior import Posterior
 from hil.reconcile.search.problem import Problem, SensorProblem
+from hil.reconcile.wander import Wander
 from procedures.words import listed, percent
 
 ORDINARY = "ordinary"
@@ -33,7 +34,8 @@ WHITE = "white noise"
 class Answer:
     """What is asked of a campaign, what is probable, how it reads, its proof, and the names that the proof took back.
 
-    `alpha` is the rate of false alarms of the whole search; `prove`, whether rows were to be held out.
+    `alpha` is the rate of false alarms of the whole search; `prove`, whether rows were to be held out; `inside`, what
+    the series show.
     """
 
     campaign: Campaign
@@ -44,6 +46,7 @@ class Answer:
     reverted: Sequence[Named]
     alpha: float
     prove: bool
+    inside: Sequence[Mapping[str, Any]]
 
     @cached_property
     def fit(self) -> Fitted:
@@ -143,6 +146,16 @@ class Answer:
         forms = {number: sensor.form.name for number, sensor in self.problem.sensors.items()}
         about = {n: [model.title if name == model.form else name, *added] for n, name in forms.items()}
         return ordinary(beside, self.scatter, about, self.left.shown)
+
+    @cached_property
+    def wanders(self) -> Mapping[int, Wander]:
+        """How noise is coloured inside the collects, by sensor."""
+        return wanders(self.problem.model, self.problem.campaign, self.noise, self.inside)
+
+    @cached_property
+    def beyond_flicker(self) -> Sequence[dict[str, Any]]:
+        """What averages scatter by beyond that, as `noise`."""
+        return beside(self.noise, self.wanders)
 
     @cached_property
     def outliers(self) -> Sequence[dict[str, Any]]:

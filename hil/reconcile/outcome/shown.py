@@ -1,18 +1,21 @@
 """The result: what was found, what was added, how much of the gap that closes, and what to measure next."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from hil.campaign import Campaign
+from hil.model import Model
+from hil.model.effects.catalogue import SERIES_EFFECTS
 from hil.model.effects.catalogue import named as known_as
+from hil.reconcile.inside import named_within
 from hil.reconcile.naming import LIKELY
-from hil.reconcile.outcome import findings, mistakes, scatter
-from hil.reconcile.outcome.added import Added
+from hil.reconcile.outcome import findings, mistakes, scatter, stated
 from hil.reconcile.outcome.answer import Answer
+from hil.reconcile.outcome.improve import improved
 from hil.reconcile.outcome.sentences import values_off
-from hil.reconcile.outcome.stated import lacking, scatter_in_words, stated_in_words
+from hil.reconcile.outcome.values import before_and_after
 from hil.reconcile.proof.experiment import next_experiment
 from hil.reconcile.proof.places import places
 from hil.reconcile.result import Disagreement, FoundEffect, Reconciliation, Solved, without_collects
@@ -28,9 +31,10 @@ _ASKED = 0.05  # share of a rival, from which on something is measured to tell i
 _CERTAIN = 0.1  # of alpha: a chance below it is a disagreement, whatever is not predicted
 
 
-def shown(campaign: Campaign, found: Answer, inside: Sequence[dict[str, Any]], added: Added) -> Reconciliation:
-    """Return the result of a campaign as it was filed; `inside` is what its series show."""
+def shown(campaign: Campaign, found: Answer) -> Reconciliation:
+    """Return the result of a campaign as it was filed."""
     fit, reading, asked = found.fit, found.reading, found.campaign
+    model, within, values = _added(found)
     wrong = mistakes.mistakes_found(reading.mistakes, fit, asked, reading.chance)
     sizes = scatter.pooled(found.scatter)
     results = [findings.described(n, fit, [size for size in sizes if size.effect.id == n.name]) for n in found.names]
@@ -45,23 +49,24 @@ def shown(campaign: Campaign, found: Answer, inside: Sequence[dict[str, Any]], a
     notes += [*_why_left(found), *_not_proved(found), *values_off(standing, found.gap)]
     notes += [found.untold] if found.untold and not found.names else []
     notes += _may_be_too(found)
-    notes += [*found.left.errors, *scatter_in_words(found.noise), *stated_in_words(added.noise, added.wanders)]
+    notes += [*found.left.errors, *stated.scatter_in_words(found.noise)]
+    notes += stated.stated_in_words(found.beyond_flicker, found.wanders)
     notes += otherwise(campaign, found.rows)
     return Reconciliation(
         campaign=asked.title,
         source=asked.source,
         model_before=found.problem.model.title,
-        verdict=findings.verdict_of(found.names, [*wrong, *added.within], unresolved=certain),
+        verdict=findings.verdict_of(found.names, [*wrong, *within], unresolved=certain),
         disagreements=_where(found),
-        effects=[*wrong, *results, *added.within],
+        effects=[*wrong, *results, *within],
         gap=found.gap,
         false_alarm_rate=found.alpha,
         p_value=reading.chance,
-        next_experiment=_next(found) or _between(added.within) or mistakes.look_up(reading.mistakes, asked),
-        model_after=added.model,
+        next_experiment=_next(found) or _between(within) or mistakes.look_up(reading.mistakes, asked),
+        model_after=model,
         input_model=found.problem.model,
         outliers=[*found.outliers, *mistakes.at_limits(asked, found.problem)],
-        within_collects=inside,
+        within_collects=found.inside,
         as_it_stands=standing,
         notes=notes,
         simulated=asked.simulated,
@@ -79,9 +84,30 @@ def shown(campaign: Campaign, found: Answer, inside: Sequence[dict[str, Any]], a
         left=found.left,
         both=both,
         look_for=_look_for(found, both),
-        to_record=lacking(campaign, found.scatter, added.noise),
-        values=added.values,
+        to_record=stated.lacking(campaign, found.scatter, found.beyond_flicker),
+        values=values,
     )
+
+
+def _added(found: Answer) -> tuple[Model, Sequence[FoundEffect], Sequence[Mapping[str, Any]]]:
+    """Return the model with what it lacked, what of that shows inside the collects only, and what each parameter is."""
+    model, after, values = found.problem.model, found.problem.model, list[dict[str, Any]]()
+    if found.names:
+        record = {each.name: findings.origin(found.campaign, each, found.gap_of_names) for each in found.names}
+        sizes = scatter.pooled(found.scatter)
+        after = improved(model, found.sensors, found.terms, sizes, record, found.calibrated)
+        values = before_and_after(model, after, found.sensors, found.terms, found.calibrated, found.alike)
+    after = stated.with_ordinary(after, found.beyond_flicker, found.fit.conditions)
+    sensors = {number: rows.conditions.sensor for number, rows in found.campaign.sensors.items()}
+    moving = {n for n, sensor in sensors.items() if n in found.wanders or model.moves_inside(sensor)}
+    moving |= {n for each in found.names if getattr(each.effect, "moves_inside", False) for n in each.terms or sensors}
+    named = named_within(found.inside, SERIES_EFFECTS, found.alpha, moving)
+    within = [effect for effect in named if not model.knows_inside(effect.id, effect.sensors)]
+    after = findings.with_inside(after, within, found.campaign)
+    if after != model or found.wanders:
+        after = stated.with_white_noise(after, found.campaign, wanders=found.wanders)
+        after = after.model_copy(update={"version": model.version + 1})
+    return after, within, values
 
 
 def _where(found: Answer) -> list[Disagreement]:
