@@ -8,8 +8,6 @@ rates and what each name says of it, some kilobytes. Units are weighed in the or
 in its own), in pieces of a size that does not depend on the workers, so that the numbers do not either.
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -60,7 +58,7 @@ class Facts:
         return sorted({*self.runs_failed}.difference(*self.wrong.get("runs_not_used", {}).values()))
 
     @classmethod
-    def of(cls, folder: str, campaign: Campaign) -> Facts:
+    def of(cls, folder: str, campaign: Campaign) -> "Facts":
         """Return what the records of a campaign say."""
         day, serial = day_of(campaign.source), campaign.identity.get("serial", "")
         bad = sorted(set().union(*(failed(campaign, number) for number in campaign.sensors)))

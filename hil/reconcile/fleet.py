@@ -12,8 +12,6 @@ follows (supply, temperature) is taken from the first unit. Discoveries over uni
 what a screening finds is worth a full `reconcile`, nothing more.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -128,7 +126,7 @@ class Screen:
     few: int | None = FEW
 
     @classmethod
-    def of(cls, units: Campaign | Sequence[Campaign], model: Model | str) -> Screen:
+    def of(cls, units: Campaign | Sequence[Campaign], model: Model | str) -> "Screen":
         """Lay the search out for units of one layout: the first gives the columns, many of them say what noise is.
 
         Raises `InputError` where a unit's layout differs.
@@ -194,7 +192,7 @@ class Screen:
         return found
 
     @cached_property
-    def _stood(self) -> Stood:
+    def _stood(self) -> "Stood":
         return Stood(self.conditions)
 
     @cached_property

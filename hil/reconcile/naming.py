@@ -13,12 +13,11 @@ import numpy as np
 from hil.campaign import Conditions
 from hil.model.effects.base import Described
 from hil.model.effects.catalogue import Unasked
-from hil.reconcile.follows import Follows, what_it_follows
+from hil.reconcile.follows import Follows, own_share, unasked, what_it_follows
 from hil.reconcile.rivals import CERTAIN, LEAST, Rival
 from hil.reconcile.search.fitted import Fitted, fitted
 from hil.reconcile.search.posterior import Found, Posterior
 from hil.reconcile.search.terms import NO_NAME, Term
-from hil.reconcile.unrecorded import own_share, unasked
 from hil.solve.explained import CERTAIN as DONE
 
 LIKELY = 0.5

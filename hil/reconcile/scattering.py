@@ -21,12 +21,12 @@ from hil.model import load_model
 from hil.model.effects.catalogue import BASE_EFFECTS, EFFECTS, VARIANCE_EFFECTS
 from hil.model.effects.prior import ALPHA
 from hil.model.forms import default_form
+from hil.reconcile.follows import repeated
 from hil.reconcile.outcome import scatter
 from hil.reconcile.outcome.answer import Answer
 from hil.reconcile.outcome.findings import id_of
 from hil.reconcile.outcome.stated import flicker_in_words, lacking, scatter_in_words
 from hil.reconcile.rivals import CERTAIN
-from hil.reconcile.unrecorded import repeated
 from hil.reconcile.workflow import searched
 from hil.solve.both_sensors import BothSensors, common_and_differential
 from hil.solve.omissions import in_words, otherwise, without

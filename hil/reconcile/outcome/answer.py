@@ -9,6 +9,7 @@ import numpy as np
 
 from hil.campaign import Campaign
 from hil.model.effects.base import Effect
+from hil.reconcile.inside import Wander
 from hil.reconcile.naming import Named, Reading
 from hil.reconcile.outcome.findings import gap_of
 from hil.reconcile.outcome.mistakes import certain, mended, outliers_found, rows_found
@@ -22,7 +23,6 @@ from hil.reconcile.search.candidates import Candidate
 from hil.reconcile.search.fitted import Fitted, Values, fitted
 from hil.reconcile.search.posterior import Posterior
 from hil.reconcile.search.problem import Problem, SensorProblem
-from hil.reconcile.wander import Wander
 from procedures.words import listed, percent
 
 ORDINARY = "ordinary"

@@ -1,7 +1,5 @@
 """What a screening found, for people and programs: the document hil.fleet/1, a table of the units, and one page."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence

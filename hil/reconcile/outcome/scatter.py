@@ -10,6 +10,7 @@ from scipy.special import chdtr, ndtri
 from hil.campaign import BoolArray, FloatArray
 from hil.model.effects.base import Parameter, VarianceEffect
 from hil.model.forms import bias_names
+from hil.reconcile.follows import repeated
 from hil.reconcile.result import Disagreement
 from hil.reconcile.search.fitted import Fitted, FittedBlock
 from hil.reconcile.search.likely_noise import DEPTH
@@ -17,7 +18,6 @@ from hil.reconcile.search.points import Kind, Points
 from hil.reconcile.search.posterior import Found, Posterior
 from hil.reconcile.search.set_in_block import SetInBlock
 from hil.reconcile.search.sets import SensorSearch, Set
-from hil.reconcile.unrecorded import repeated
 from hil.solve.repeats import SensorRepeats
 from hil.solve.uncertain import CONFIDENCE
 

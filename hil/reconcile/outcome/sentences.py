@@ -8,12 +8,12 @@ import numpy as np
 
 from drivers.strict_yaml import packaged
 from hil.model.effects.catalogue import entries
+from hil.reconcile.follows import AGAIN
 from hil.reconcile.naming import LIKELY
 from hil.reconcile.outcome.stated import alone, at_most, not_between_repeats, not_repeated
 from hil.reconcile.result import LEFT_OUT, FoundEffect, Gap, Reconciliation
 from hil.reconcile.rivals import CERTAIN, Rival, in_times
 from hil.reconcile.search.terms import NO_NAME
-from hil.reconcile.unrecorded import AGAIN
 from hil.solve.document import of_sensors_in_words
 from hil.solve.repeats import MAY_FOLLOW, MISSTATED
 from hil.solve.temperatures import too_few

@@ -9,6 +9,7 @@ from hil.campaign import Campaign
 from hil.model import Model
 from hil.model.effects.catalogue import SERIES_EFFECTS
 from hil.model.effects.catalogue import named as known_as
+from hil.reconcile.follows import own_share, unasked
 from hil.reconcile.inside import named_within
 from hil.reconcile.naming import LIKELY
 from hil.reconcile.outcome import findings, mistakes, scatter, stated
@@ -20,7 +21,6 @@ from hil.reconcile.proof.experiment import next_experiment
 from hil.reconcile.proof.places import places
 from hil.reconcile.result import Disagreement, FoundEffect, Reconciliation, Solved, without_collects
 from hil.reconcile.search.terms import NO_NAME
-from hil.reconcile.unrecorded import own_share, unasked
 from hil.solve.both_sensors import BothSensors, common_and_differential
 from hil.solve.omissions import in_words, otherwise, without
 from hil.solve.temperatures import too_few

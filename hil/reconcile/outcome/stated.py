@@ -17,8 +17,8 @@ from hil.model.effects.noise import BiasInstability, TurnOnBias
 from hil.model.effects.prior import ALPHA
 from hil.model.forms import bias_names
 from hil.model.stated_noise import ScatterTerm, SensorNoise
+from hil.reconcile.inside import Wander, wandering
 from hil.reconcile.outcome.scatter import FoundScatter
-from hil.reconcile.wander import Wander, wandering
 from hil.solve.precision import to_record
 from hil.solve.repeats import MISSTATED, SensorRepeats
 from hil.solve.temperatures import level_degC, same_temperature

@@ -1,7 +1,5 @@
 """One block of rows as it is searched: the noise that its rows leave probable, and what whitens any columns there."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -38,7 +36,7 @@ class BlockSearch:
     _filters: Sequence[tuple[IntArray, Filter]] = ()
 
     @classmethod
-    def of(cls, block: Block, noise: Noise) -> BlockSearch:
+    def of(cls, block: Block, noise: Noise) -> "BlockSearch":
         """Weigh the block at the noise that its rows leave probable."""
         unit = float(np.sqrt(noise.unit))
         scales = HOLDS if block.sigma_stated else HOLDS[1:]

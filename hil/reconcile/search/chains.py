@@ -4,8 +4,6 @@ Whatever scatters is a coefficient drawn anew for a run or a power cycle, or one
 state that each row keeps in part and adds to.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -69,7 +67,7 @@ class Chain:
             out.append(rows)
         return out
 
-    def scaled(self, factor: float) -> Chain:
+    def scaled(self, factor: float) -> "Chain":
         """Return the same states, each row moved by `factor` times as much."""
         return replace(self, columns=factor * self.columns)
 

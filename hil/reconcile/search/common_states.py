@@ -5,8 +5,6 @@ of another, so that all rows are weighed together, as one normal density, and as
 each other (the base's values are integrated out: Patterson & Thompson 1971).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 

@@ -6,8 +6,6 @@ set leaves, so that what is integrated is a Student t (Box & Tiao 1973, 2.7). Ev
 the noise, over the sizes that an amplitude may have, and over how strongly the stated errors hold.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
@@ -51,7 +49,7 @@ class Options:
     deviation: FloatArray
 
     @classmethod
-    def of(cls, amplitudes: Sequence[Amplitude]) -> Options:
+    def of(cls, amplitudes: Sequence[Amplitude]) -> "Options":
         """Lay the priors of a term out, size by size."""
         return cls(
             np.concatenate([a.log_weights for a in amplitudes]),
@@ -86,7 +84,7 @@ class Beside:
     @classmethod
     def of(
         cls, noise: Noise, points: Points, scales: Sequence[Scale], white: FloatArray, half_log_det: FloatArray
-    ) -> Beside:
+    ) -> "Beside":
         """Project the base out of data: `white` has the columns by temperature, the base's, and the data last."""
         many = noise.by_station.shape[1]
         factor = np.array([noise.factor(int(p)) for p in points.profile])
@@ -109,7 +107,7 @@ class Beside:
         )
         return cls(scales, values, *none).beside(known[:, :, :-1])
 
-    def beside(self, columns: FloatArray) -> Beside:
+    def beside(self, columns: FloatArray) -> "Beside":
         """Add projected columns (t, N, q) to the base, those that are combinations of others left out."""
         squares, vectors = np.linalg.eigh(np.swapaxes(columns, 1, 2) @ columns)
         usable = squares > SEEN**2 * squares.max(axis=1, initial=LEAST, keepdims=True)
@@ -123,7 +121,7 @@ class Beside:
         basis = np.concatenate([self.basis, own], axis=2) if self.basis.shape[2] else own
         return replace(self, basis=basis, residual=left, rss=rss, log_base=log_base, freedom=freedom, turn=turn)
 
-    def at(self, index: IntArray | slice) -> Beside:
+    def at(self, index: IntArray | slice) -> "Beside":
         """Return some of the points."""
         names = ("values", "basis", "residual", "rss", "log_noise", "log_base", "turn")
         return replace(self, **{name: getattr(self, name)[index] for name in names})

@@ -4,8 +4,6 @@ Taking from every row what the rows before it predict (Kalman 1960) gives rates 
 determinant of their covariance, in time that is linear in rows. Pieces of rows are filtered side by side.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -28,7 +26,7 @@ class Stretches:
     own: FloatArray
     entering: FloatArray
 
-    def take(self, index: IntArray) -> Stretches:
+    def take(self, index: IntArray) -> "Stretches":
         """Return some of the models."""
         return Stretches(self.rows, np.take(self.own, index, axis=2), np.take(self.entering, index, axis=2))
 
@@ -71,7 +69,7 @@ class Filter:
     stretches: Sequence[Stretches]
     half_log_det: FloatArray
 
-    def take(self, index: IntArray) -> Filter:
+    def take(self, index: IntArray) -> "Filter":
         """Return some of the models, those at `index` (k,)."""
         if np.array_equal(index, np.arange(len(self.half_log_det))):
             return self

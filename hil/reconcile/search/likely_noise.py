@@ -4,8 +4,6 @@ What the rows are to every model of the noise is said once, by inner products of
 follow temperature then costs matrices of the size of a sweep, however many rows there are.
 """
 
-from __future__ import annotations
-
 from collections.abc import Container, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -17,8 +15,7 @@ from hil.campaign import BoolArray, FloatArray, IntArray
 from hil.model.effects.prior import log_sum
 from hil.reconcile.search.evidence import LEAST, ROUNDING, SEEN, Scale, eliminated, student
 from hil.reconcile.search.noise import TOGETHER, Noise
-from hil.reconcile.search.points import Points
-from hil.reconcile.search.profiles import FOLLOWS, Profile
+from hil.reconcile.search.points import FOLLOWS, Points, Profile
 from hil.solve.identifiability import independent_columns
 
 POINTS = 48
@@ -107,12 +104,12 @@ class _Rows:
             known = self.known[profile] = np.hstack([known, self.heights(np.array(new), [profile])[:, :, 0]])
         return np.asarray(known[v])
 
-    def grown(self, columns: FloatArray) -> _Rows:
+    def grown(self, columns: FloatArray) -> "_Rows":
         """Return the same where the grid has grown, of rows' columns (N, m) in the order of time."""
         gram, half_log_det = self.noise.products(columns)
         return replace(self, grid=self.noise.grid, gram=gram, half_log_det=half_log_det)
 
-    def _only(self, v: int) -> _Rows:
+    def _only(self, v: int) -> "_Rows":
         """Return what is about one variant."""
         first, own = self.noise.by_station.shape[1] + self.base, len(self.variants[v])
         index = np.append(np.arange(first), first + np.append(self.variants[v], self.data[v]))

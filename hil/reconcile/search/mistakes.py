@@ -10,8 +10,6 @@ Each competes with every effect. Of a year of nights those are asked about that 
 run with which nothing can be compared, what `hil solve` says of it.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -36,7 +34,9 @@ NEIGHBOURS = 4
 """Rows to either side, in the same position, that say what a row should be."""
 
 
-def may_be_wrong(number: int, blocks: Sequence[Block], conditions: Conditions, solved: AsSolved) -> Iterator[Candidate]:
+def may_be_wrong(
+    number: int, blocks: Sequence[Block], conditions: Conditions, solved: "AsSolved"
+) -> Iterator[Candidate]:
     """Yield one candidate per rate, one per collect, and one per run and block: what is there says nothing.
 
     Where there are very many, of collects that `hil solve` names and of those that differ most from their neighbours.
@@ -61,7 +61,7 @@ def may_be_wrong(number: int, blocks: Sequence[Block], conditions: Conditions, s
             yield _wrong("run", number, shape, block.rows[here], block.channel[here], of_block)
 
 
-def runs_to_ask(blocks: Sequence[Block], conditions: Conditions, solved: AsSolved, most: int) -> IntArray:
+def runs_to_ask(blocks: Sequence[Block], conditions: Conditions, solved: "AsSolved", most: int) -> IntArray:
     """Return the numbers of so many runs (k,): all that are named, and those that differ most from neighbours."""
     odd, runs = _odd(blocks, conditions, solved.named), np.array(solved.told, dtype=np.int64)
     of_run = np.array([odd[conditions.run == run].mean() for run in runs.tolist()])
@@ -126,7 +126,7 @@ class AsSolved:
     doubted: Sequence[Wrong] = ()
 
     @classmethod
-    def of(cls, campaign: Campaign, number: int) -> AsSolved:
+    def of(cls, campaign: Campaign, number: int) -> "AsSolved":
         """Ask it of a sensor."""
         filed, solved = campaign.sensors[number], wrong_rows(campaign)[number]
         every = (*solved.rows, *solved.may_be)

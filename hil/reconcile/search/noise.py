@@ -9,8 +9,6 @@ parameters at each temperature. D with O is ordinary noise; a C is a hypothesis 
 All but T is handed on from row to row; T is as many columns as there are temperatures, with sizes that are known.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from copy import copy
 from functools import cached_property
@@ -24,8 +22,7 @@ from hil.model.effects.prior import OFFSETS, log_offset, scatter_log_odds, sizes
 from hil.model.effects.scatter import Scatter
 from hil.reconcile.search.chains import COMPARED, PIECE, Chain, chain_of, grouped, in_time, joined
 from hil.reconcile.search.filters import Filter, filter_of
-from hil.reconcile.search.points import LEVELS, Kind, Points
-from hil.reconcile.search.profiles import FIXED, Profile, log_profile, values_over_temperature
+from hil.reconcile.search.points import FIXED, LEVELS, Kind, Points, Profile, log_profile, values_over_temperature
 from hil.solve.rows import Block
 
 TAKEN = 8.0
@@ -79,7 +76,7 @@ class Noise:
         self.grid = self._at([[0.0] * len(self.kinds) + [*both] for both in product(offsets, levels)])
         self.grow(self.grid.take(np.flatnonzero(self.grid.offset < max(offsets))))
 
-    def at_each_temperature(self) -> Noise:
+    def at_each_temperature(self) -> "Noise":
         """Return the same noise beside a base that has values at each temperature, where it was at several."""
         out = copy(self)
         out.sorts, out._whitens = [*self.sorts], [*self._whitens]

@@ -1,19 +1,32 @@
-"""Models of a block's noise: what scatters by how much, and how probable that is before the data."""
-
-from __future__ import annotations
+"""Models of a block's noise: what scatters by how much, how values of the base may follow temperature, and priors."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
+from itertools import product
 
 import numpy as np
 
-from hil.campaign import BoolArray, FloatArray, IntArray
+from hil.campaign import BoolArray, Conditions, FloatArray, IntArray
 from hil.model.effects.base import Parameter, VarianceEffect
 from hil.reconcile.search.chains import Chain
+from hil.solve.rows import Block
 
 LEVELS = {0.15: 0.3, 1.0: 0.7}
 """Share of the usual variance in every row's own, with its prior: standard errors leave out what differs by collect."""
+CALIBRATIONS = (4.0, 12.0, 36.0, 108.0, 324.0)
+"""How far a value of the base follows temperature, in white noises: wide priors of what the data then settle."""
+SHAPES = ((1.0, 0.0, 0.0), (0.5, 0.49, 0.01), (0.45, 0.45, 0.1), (0.0, 0.0, 1.0))
+"""Shares of a straight line, of a smooth curve, and of what each temperature has for itself."""
+FIXED = (0.0, 0)
+FOLLOWS = (FIXED, *product(CALIBRATIONS, range(len(SHAPES))))
+"""What one value of the base may do over temperature: how far it follows, and in what shape."""
+ALONE = 0.5
+"""How probably a value follows temperature in its own way, not in that of the unit's others."""
+SMOOTH_DEGC = 30.0
+"""Over which a smooth curve forgets itself: values of a unit turn two or three times over a sweep, not more."""
+Profile = tuple[tuple[float, int], ...]
+"""Of every value of the base, how far it follows temperature, and in which of the shapes."""
 
 
 @dataclass(frozen=True)
@@ -71,10 +84,44 @@ class Points:
         one = (np.count_nonzero(other, axis=1) == 1) & np.all(~other | less, axis=1)
         return np.asarray(one & (self.profile == self.profile[than]))
 
-    def take(self, index: IntArray) -> Points:
+    def take(self, index: IntArray) -> "Points":
         """Return some of the points."""
         return Points(*(getattr(self, name)[index] for name in self.__dataclass_fields__))
 
-    def beside(self, other: Points) -> Points:
+    def beside(self, other: "Points") -> "Points":
         """Return these points and others."""
         return Points(*(np.concatenate([getattr(own, n) for own in (self, other)]) for n in self.__dataclass_fields__))
+
+
+@cache
+def log_profile(profile: Profile) -> float:
+    """Log prior of what the values of the base do: some way that is the unit's, of which some of them depart."""
+    alone = ALONE / len(FOLLOWS)
+    alike = [np.prod([alone + (1.0 - ALONE) * (own == way) for own in profile]) for way in FOLLOWS]
+    return float(np.log(np.mean(alike)))
+
+
+def values_over_temperature(
+    block: Block, conditions: Conditions, order: IntArray
+) -> tuple[FloatArray, list[FloatArray]]:
+    """Return the base's values anew at each temperature (N, r), and factors (S, S) of every shape over temperature.
+
+    Where nobody knows the temperature, all shapes but the last are one value.
+    """
+    stations = np.unique(block.station)
+    laid = block.at_each_temperature(block.values / np.sqrt(np.mean(block.values**2, axis=0)))[order]
+    temperature = conditions.columns.get("temperature_degC")
+    known = temperature is not None and bool(np.all(np.isfinite(temperature[block.rows])))
+    own = temperature[block.rows] if known and temperature is not None else np.zeros(len(block.y))
+    centre = np.array([np.mean(own[block.station == k]) for k in stations])
+    mean, spread = float(np.mean(own)), float(own.std())
+    line = (centre - mean) / max(spread, 1.0)
+    curve = np.exp(-0.5 * (np.subtract.outer(centre, centre) / SMOOTH_DEGC) ** 2)
+    of_all = [np.outer(line, line), curve, np.eye(len(stations))]
+    return laid, [_root(sum(share * part for share, part in zip(shape, of_all, strict=True))) for shape in SHAPES]
+
+
+def _root(covariance: FloatArray) -> FloatArray:
+    """Return F with FF' a covariance, which may be singular."""
+    values, vectors = np.linalg.eigh(covariance)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))

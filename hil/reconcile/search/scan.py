@@ -1,7 +1,5 @@
 """How much more probable each of many candidates makes a block of rows: a scan, which proposes what is weighed."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -45,7 +43,7 @@ class Group:
         points: Sequence[Hashable],
         project: Callable[[FloatArray, IntArray], FloatArray],
         at_once: int,
-    ) -> Group:
+    ) -> "Group":
         """Return the same at some points: what is known of them stays.
 
         `project` takes so many columns `at_once` to what they are at those of some places.
@@ -64,7 +62,7 @@ class Group:
     @classmethod
     def several(
         cls, parts: Sequence[Part | None], amplitudes: Sequence[Sequence[Amplitude]], first: int
-    ) -> Iterator[Group]:
+    ) -> Iterator["Group"]:
         """Group candidates by how many columns they have in a block, at no points; those of none are in no group.
 
         `first` is the place of the first.

@@ -4,8 +4,6 @@ Inner products of all columns that are asked about are taken once. A set is a ch
 side by side: one of fewer columns than another is filled up with a column of zeros, which changes nothing.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -108,7 +106,7 @@ class Inner:
     places: Mapping[int, IntArray]
 
     @classmethod
-    def of(cls, beside: Beside, terms: Mapping[int, Member]) -> Inner:
+    def of(cls, beside: Beside, terms: Mapping[int, Member]) -> "Inner":
         """Multiply the columns of terms, by place, with each other and with what the base leaves of the data."""
         none = np.zeros_like(beside.residual[..., None])
         laid = np.concatenate([*(own.columns for own in terms.values()), none], axis=2)

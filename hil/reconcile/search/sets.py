@@ -5,8 +5,6 @@ search.evidence([(3, 17)])     # log evidence of terms 3 and 17 together, by wha
 search.likely_sets()           # the sets that are worth anything
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace

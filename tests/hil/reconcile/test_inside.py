@@ -22,10 +22,9 @@ from hil.model.effects.scatter import drawn
 from hil.model.effects.series import SettlingInCollect
 from hil.model.stated_noise import SensorNoise
 from hil.reconcile import Reconciliation, reconcile
-from hil.reconcile.inside import within_collects
+from hil.reconcile.inside import Wander, wandering, within_collects
 from hil.reconcile.outcome.stated import beside, with_white_noise
 from hil.reconcile.scattering import what_scatters
-from hil.reconcile.wander import Wander, wandering
 from tests.hil.model.effect_conditions import ROTOR
 
 SMALL = replace(EIGHT, temperatures_degC=(-20.0, 20.0, 60.0), runs_per_temperature=2)

@@ -21,9 +21,8 @@ from hil.reconcile.search.layout import searches
 from hil.reconcile.search.likely_noise import _Rows
 from hil.reconcile.search.mistakes import AsSolved, exchanges, may_be_wrong
 from hil.reconcile.search.noise import Noise
-from hil.reconcile.search.points import Points
+from hil.reconcile.search.points import FIXED, FOLLOWS, Points, Profile, log_profile
 from hil.reconcile.search.problem import Problem, pose
-from hil.reconcile.search.profiles import FIXED, FOLLOWS, Profile, log_profile
 from tests.hil.reconcile.hidden_effects import Rows, base_rates, both, hidden_campaign
 
 
