@@ -8,7 +8,7 @@ temperature; where no temperature was recorded, both explain it equally. And wha
 each temperature where none was met twice.
 """
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import exp, prod
 from typing import Any
@@ -85,7 +85,11 @@ def unasked(posterior: Posterior) -> dict[str, Sequence[Unasked]]:
         for number, places in found.terms.items():
             for term in (posterior.term(number, j) for j in places):
                 first.setdefault(term.called, (term, conditions[number]))
-    out = {name: [*_of_its_history(name, term, here)] for name, (term, here) in first.items()}
+    out = dict[str, Sequence[Unasked]]()
+    for name, (term, here) in first.items():
+        if name and (effect := term.candidate.effect) is not None:
+            own = effect if name == effect.id else effect_by_id(name)
+            out[name] = [*of_its_history(own, here, term.candidate.shape)]
     if not repeated(conditions.values()):
         kin = {name: effect.kin for name, effect in posterior.scatter.items() if effect.follows == "run"}
         out |= {name: [Unasked(effect_by_id(n), w, AGAIN) for n, w in own.items()] for name, own in kin.items()}
@@ -100,11 +104,3 @@ def own_share(of: Mapping[str, Sequence[Unasked]], name: str) -> float:
 def repeated(conditions: Iterable[Conditions]) -> bool:
     """Whether any run was made at a temperature that another has."""
     return any(len(runs) > 1 for here in conditions for _, runs in runs_by_temperature(here))
-
-
-def _of_its_history(name: str, term: Term, here: Conditions) -> Iterator[Unasked]:
-    """Yield what has a name's history in time and could not be tried."""
-    effect = term.candidate.effect
-    if name and effect is not None:
-        own = effect if name == effect.id else effect_by_id(name)
-        yield from of_its_history(own, here, term.candidate.shape)

@@ -123,15 +123,12 @@ def named_within(
         left = [f for f in findings if f["sensor"] == sensor and (f["id"] != RAMP or sensor not in moving)]
         while left:
             leader = left[0]
-            alike = [f for f in left if f["id"] == leader["id"] or _confusable(by_id, leader["id"], f["id"])]
+            same = {leader["id"], *by_id[leader["id"]].confusable_with}
+            alike = [f for f in left if f["id"] in same or leader["id"] in by_id[f["id"]].confusable_with]
             named, nothing = _named(leader, alike, by_id)
             out += [named] if nothing <= alpha else []
             left = [f for f in left if f not in alike]
     return out
-
-
-def _confusable(by_id: dict[str, SeriesEffect], first: str, second: str) -> bool:
-    return second in by_id[first].confusable_with or first in by_id[second].confusable_with
 
 
 def _named(
@@ -148,13 +145,14 @@ def _named(
         slow = {name: weight[RAMP] for name in effect.confusable_with if name not in weight}
         weight, total = {**weight, **slow}, total + sum(slow.values())
     probability = float(weight.pop(effect.id) / total)
+    rivals = [(name, own, by_id.get(name) or effect_by_id(name)) for name, own in weight.items()]
     found = FoundEffect(
         id=effect.id,
         title=effect.title,
         equation=effect.equation,
         parameters=[_parameter(name, value, leader) for name, value in leader["estimates"].items() if name != _ERROR],
         probability=probability,
-        confusable_with=[Rival(name, float(w / total), 0.0, _title(name, by_id)) for name, w in weight.items()],
+        confusable_with=[Rival(name, float(own / total), 0.0, of.title) for name, own, of in rivals],
         kind="named" if probability >= CERTAIN else "ambiguous",
         sensors=(leader["sensor"],),
         physics=f"{' '.join((type(effect).__doc__ or '').split())} {effect.signature} {leader['sentence']}.",
@@ -162,10 +160,6 @@ def _named(
         inside_collects=True,
     )
     return found, float(1.0 / total)
-
-
-def _title(name: str, by_id: Mapping[str, SeriesEffect]) -> str:
-    return by_id[name].title if name in by_id else effect_by_id(name).title
 
 
 def _parameter(name: str, value: float, finding: Mapping[str, Any]) -> dict[str, Any]:

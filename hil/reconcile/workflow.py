@@ -76,25 +76,20 @@ def searched(
     The search over averages and the tests inside the collects share `alpha`, the stated rate of false alarms.
     """
     problem = pose(usable(sound(campaign)), model, effects)
-    posterior, reading = _weighed(problem, scattering, (1.0 - INSIDE) * alpha if campaign.recorded else alpha)
+    posterior = beside_lookalikes(_likelier(problem, scattering))
+    reading = read(posterior, (1.0 - INSIDE) * alpha if campaign.recorded else alpha)
     proof = held_out(posterior, reading.nothing, reading.found) if prove else None
     reading, reverted = _kept(posterior, reading, proof)
     inside = within_collects(campaign, SERIES_EFFECTS, INSIDE * alpha)
     return Answer(campaign, problem, posterior, reading, proof, reverted, alpha, prove, inside)
 
 
-def _weighed(problem: Problem, scattering: Sequence[VarianceEffect], alpha: float) -> tuple[Posterior, Reading]:
-    """Weigh and read what may be missing beside the form's values, or beside values that follow temperature.
-
-    The more probable of the two is read: a smooth curve with a roughness, of all of the base's values, against as many
-    laws of temperature as the form's own need. Nobody asks where they explain nothing.
-    """
-    posterior = beside_lookalikes(_likelier(problem, scattering))
-    return posterior, read(posterior, alpha)
-
-
 def _likelier(problem: Problem, scattering: Sequence[VarianceEffect]) -> Posterior:
-    """Return which of values that stand and values that follow temperature is likelier."""
+    """Weigh what may be missing beside the form's values, or beside values that follow temperature if that is likelier.
+
+    That is a smooth curve with a roughness, of all of the base's values, against as many laws of temperature as the
+    form's own need. Nobody asks where they explain nothing.
+    """
     stand = searches(problem, EFFECTS, scattering)
     so_far = weigh(stand, serve=False) if may_be_calibrated(problem) else None
     if so_far is None or not values_follow(problem, so_far, so_far.sets[0]):

@@ -85,14 +85,6 @@ def _noise(fit: Fitted) -> float:
     return fitted_rms if free < FEWEST_REPEATS else min(fitted_rms, float(np.sqrt(squares / free)))
 
 
-def verdict_of(names: Sequence[Named], others: Sequence[FoundEffect], *, unresolved: bool) -> str:
-    """Return the verdict of all that was found, in averages and inside collects: the least certain kind among them."""
-    if unresolved:
-        return "unresolved"
-    kinds = {named.kind for named in names} | {effect.kind for effect in others}
-    return next((kind for kind in ("ambiguous", "empirical", "named") if kind in kinds), "none")
-
-
 def described(named: Named, fit: Fitted, scatter: Sequence[FoundScatter]) -> FoundEffect:
     """Return one found effect for the result."""
     pairs = [(n, j) for n, places in named.terms.items() for j in places]

@@ -221,10 +221,8 @@ def _terms(
     sensors: Mapping[int, SensorProblem],
     record: Mapping[str, Mapping[str, Any]],
 ) -> list[Term]:
-    if candidate.tier == 2:
-        return _empirical_terms(candidate, values, sensors[candidate.sensor].collects.conditions, record["empirical"])
     if candidate.effect is None:
-        return []
+        return _empirical_terms(candidate, values, sensors[candidate.sensor].collects.conditions, record["empirical"])
     return [
         Term(
             effect=candidate.effect.id,

@@ -65,11 +65,11 @@ def found_scatter(posterior: Posterior, name: str) -> list[FoundScatter]:
             if not any(kind.name == name for kind in block.noise.kinds):
                 continue
             each = [_sized(search, b, name, *beside) for beside in shares]
-            sizes = np.concatenate([known.sizes for known in each])
-            weight = np.concatenate([share * known.weight for known, share in zip(each, shares.values(), strict=True)])
+            sizes = np.concatenate([own for own, *_ in each])
+            weight = np.concatenate([share * own for (_, own, _), share in zip(each, shares.values(), strict=True)])
             if weight.sum() < 0.5:
                 continue
-            weight, kind = weight / weight.sum(), each[0].kind
+            weight, kind = weight / weight.sum(), each[0][2]
             log_mean = float(weight @ np.log(sizes))
             spread = float(np.sqrt(weight @ (np.log(sizes) - log_mean) ** 2))
             size = float(np.exp(log_mean))
@@ -106,20 +106,13 @@ def _by_names(posterior: Posterior, sets: Sequence[Found]) -> list[tuple[Found, 
     return sorted(shares, key=lambda each: -each[1])
 
 
-@dataclass(frozen=True)
-class _Sized:
-    """Sizes of an effect on the scatter in a block, (t,) deg/hr, with how probable each is, and its likeliest shape.
+def _sized(
+    search: SensorSearch, b: int, name: str, chosen: Set, scatter: frozenset[str]
+) -> tuple[FloatArray, FloatArray, Kind]:
+    """Return the sizes (t,), deg/hr, of an effect in one block beside a set and what else scatters, and its shape.
 
-    What the probabilities leave to one is that the block has none of it.
+    With how probable each is, (t,): what that leaves to one is that the block has none of it.
     """
-
-    sizes: FloatArray
-    weight: FloatArray
-    kind: Kind
-
-
-def _sized(search: SensorSearch, b: int, name: str, chosen: Set, scatter: frozenset[str]) -> _Sized:
-    """Size an effect in one block beside a set of terms, and what else scatters."""
     own, weighed = search.blocks[b], search.in_block(chosen, b)
     total = weighed.terms_log + own.points.log_prior
     kinds = np.array([kind.name == name for kind in own.noise.kinds], dtype=bool)
@@ -132,7 +125,7 @@ def _sized(search: SensorSearch, b: int, name: str, chosen: Set, scatter: frozen
     weight = np.exp(total - np.logaddexp.reduce(total))
     sizes = points.amount[:, kinds].max(axis=1) * np.sqrt(weighed.scales_left) * own.unit
     kind = own.noise.kinds[int(np.argmax(points.amount[np.argmax(weight)] * kinds))]
-    return _Sized(sizes, there * weight, kind)
+    return sizes, there * weight, kind
 
 
 def _finely(search: SensorSearch, b: int, chosen: Set, likely: Points, kinds: BoolArray) -> tuple[Points, SetInBlock]:

@@ -106,7 +106,8 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
     ):
         doubts = ", ".join(told for _, told in of_sensors_in_words(result.solved.of_sensors, set()))
         act += f" That is by the noise that the model states; hil solve without --model does not pass {doubts}."
-    likely = kind in {"none", "named", "ambiguous"} and _follows_temperature(result)
+    warmth = result.calibrated or dict(result.follows).get("temperature", 0.0) > LIKELY
+    likely = kind in {"none", "named", "ambiguous"} and warmth
     added = [effect for effect in result.effects if not effect.mends_labels]
     warm = {each.id for each in entries() if each.follows == "temperature"}
     untold = {rival.id for effect in added for rival in effect.confusable_with if rival.untold}
@@ -122,11 +123,6 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
         part = min(after["parts"], key=lambda each: 1.0 if after["parts"][each] is None else after["parts"][each])
         act += f" Nights simulated with the model as it is now can be told from the measured one by {_BY[part]}."
     return kind, f"First see to {'; '.join(first)}. {act}" if first else act
-
-
-def _follows_temperature(result: Reconciliation) -> bool:
-    """Whether what is held out stands at a temperature that other runs have, and the values there follow it."""
-    return result.calibrated or dict(result.follows).get("temperature", 0.0) > LIKELY
 
 
 def summary(result: Reconciliation) -> list[str]:

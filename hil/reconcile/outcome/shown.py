@@ -38,6 +38,8 @@ def shown(campaign: Campaign, found: Answer) -> Reconciliation:
     wrong = mistakes.mistakes_found(reading.mistakes, fit, asked, reading.chance)
     sizes = scatter.pooled(found.scatter)
     results = [findings.described(n, fit, [size for size in sizes if size.effect.id == n.name]) for n in found.names]
+    effects = [*wrong, *results, *within]
+    verdict = next((k for k in ("ambiguous", "empirical", "named") if k in {of.kind for of in effects}), "none")
     certain = bool(found.reverted) and reading.chance < _CERTAIN * found.alpha
     beside, both = without(campaign), common_and_differential(campaign)
     standing = findings.as_it_stands(found.problem.model, found.problem.campaign, reading.mistakes, fit)
@@ -46,7 +48,8 @@ def shown(campaign: Campaign, found: Answer) -> Reconciliation:
     notes += findings.laws_that_fail(fit, found.problem.sensors)
     notes += [*_only_together(found), *_otherwise_asked(results, found.solved)]
     notes += [] if both is None else both.together
-    notes += [*_why_left(found), *_not_proved(found), *values_off(standing, found.gap)]
+    notes += [f"what is known taken off: {each}" for each in found.left.reasons if found.left != found.solved]
+    notes += [*_not_proved(found), *values_off(standing, found.gap)]
     notes += [found.untold] if found.untold and not found.names else []
     notes += _may_be_too(found)
     notes += [*found.left.errors, *stated.scatter_in_words(found.noise)]
@@ -56,9 +59,9 @@ def shown(campaign: Campaign, found: Answer) -> Reconciliation:
         campaign=asked.title,
         source=asked.source,
         model_before=found.problem.model.title,
-        verdict=findings.verdict_of(found.names, [*wrong, *within], unresolved=certain),
+        verdict="unresolved" if certain else verdict,  # the least certain kind among them
         disagreements=_where(found),
-        effects=[*wrong, *results, *within],
+        effects=effects,
         gap=found.gap,
         false_alarm_rate=found.alpha,
         p_value=reading.chance,
@@ -162,11 +165,6 @@ def _may_be_too(found: Answer) -> Iterator[str]:
         if share > LIKELY and name not in called:
             which = "something that no effect describes" if name == NO_NAME else f"{titles[name]} ({name})"
             yield f"{which}: {percent(share)}, and so not called missing at a rate of false alarms of {found.alpha:.2g}"
-
-
-def _why_left(found: Answer) -> list[str]:
-    """Say why runs do not agree even with what is known taken off; nothing where that takes nothing off."""
-    return [] if found.left == found.solved else [f"what is known taken off: {each}" for each in found.left.reasons]
 
 
 def _not_proved(found: Answer) -> Iterator[str]:

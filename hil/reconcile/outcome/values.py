@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from hil.campaign import BoolArray, Campaign, Collects, Conditions
+from hil.campaign import BoolArray, Campaign, Conditions
 from hil.campaign.data import known_mean
 from hil.campaign.stand_ins import OWN, temperature_of
 from hil.model import Model
@@ -125,17 +125,13 @@ def taken_out(
     """
     laid = {}
     for number, sensor in sensors.items():
-        collects = _less(sensor, terms)
+        columns, left, made = left_by(sensor, terms)
+        own = len(sensor.form.names)
+        made += columns[:, :, own:] @ fit_to(left, columns, sensor.collects.rates_se_deg_per_hr)[own:]
+        collects = replace(sensor.collects, rates_deg_per_hr=sensor.collects.rates_deg_per_hr - made)
         parts = [*problem.model.stated_scatter(collects.conditions)]
         for found in (each for each in scatter if each.sensor == number):
             of_unit_size = found.effect.scatter(collects.conditions, found.shape)
             parts += [replace(part, columns=part.columns * found.value) for part in of_unit_size]
         laid[number] = with_scatter(collects, parts)
     return replace(problem.campaign, sensors=laid, exchanged={})
-
-
-def _less(sensor: SensorProblem, terms: Sequence[tuple[Candidate, Values]]) -> Collects:
-    columns, left, made = left_by(sensor, terms)
-    own = len(sensor.form.names)
-    made += columns[:, :, own:] @ fit_to(left, columns, sensor.collects.rates_se_deg_per_hr)[own:]
-    return replace(sensor.collects, rates_deg_per_hr=sensor.collects.rates_deg_per_hr - made)

@@ -89,8 +89,7 @@ def _rows(search: SensorSearch, chosen: Set, b: int, name: str) -> _Rows | None:
     without = replace(point, amount=np.where(own, 0.0, point.amount))
     unit = noise.unit * float(weighed.scales_left[t])
     rows = noise.order[:COMPARED]
-    columns = [part.columns for j in chosen if (part := search.terms[j].parts[b]) is not None]
-    free = np.hstack([block.block.base, *columns])[rows]
+    free = np.hstack([block.block.base, search.columns(chosen, b)])[rows]
     kind, at, channel = noise.kinds[k], block.block.rows[rows], block.block.channel[rows]
     parts = [
         replace(each, columns=each.columns[at, channel][:, None])

@@ -96,16 +96,9 @@ class Beside:
         log_noise = -half_log_det - np.sum(np.log(root), axis=1)
         known = _less(values, white[:, :, many:])
         residual = known[:, :, -1]
-        none = (
-            known[:, :, :0],
-            residual,
-            np.zeros(len(points)),
-            log_noise,
-            log_noise,
-            residual.shape[1],
-            known[:, :0, :0],
-        )
-        return cls(scales, values, *none).beside(known[:, :, :-1])
+        none, rss = (known[:, :, :0], known[:, :0, :0]), np.zeros(len(points))
+        alone = cls(scales, values, none[0], residual, rss, log_noise, log_noise, residual.shape[1], none[1])
+        return alone.beside(known[:, :, :-1])
 
     def beside(self, columns: FloatArray) -> "Beside":
         """Add projected columns (t, N, q) to the base, those that are combinations of others left out."""

@@ -281,7 +281,5 @@ def fitted_block(search: SensorSearch, chosen: Set, scatter: frozenset[str], b: 
     total = weighed.terms_log + own.points.log_prior
     within = np.array([sort <= scatter for sort in own.noise.sorts])[own.points.sort]
     t = int(np.argmax(np.where(within, total, -np.inf)))
-    parts = [part.columns for j in chosen if (part := search.terms[j].parts[b]) is not None]
-    columns = np.hstack([np.zeros((len(own.y), 0)), *parts])
     keys = [(own.block.sensor, *of) for of in weighed.owner]
-    return FittedBlock(own, weighed, t, float(weighed.scales_left[t]), columns, keys)
+    return FittedBlock(own, weighed, t, float(weighed.scales_left[t]), search.columns(chosen, b), keys)

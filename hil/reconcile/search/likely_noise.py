@@ -104,11 +104,6 @@ class _Rows:
             known = self.known[profile] = np.hstack([known, self.heights(np.array(new), [profile])[:, :, 0]])
         return np.asarray(known[v])
 
-    def grown(self, columns: FloatArray) -> "_Rows":
-        """Return the same where the grid has grown, of rows' columns (N, m) in the order of time."""
-        gram, half_log_det = self.noise.products(columns)
-        return replace(self, grid=self.noise.grid, gram=gram, half_log_det=half_log_det)
-
     def _only(self, v: int) -> "_Rows":
         """Return what is about one variant."""
         first, own = self.noise.by_station.shape[1] + self.base, len(self.variants[v])
@@ -176,7 +171,8 @@ def likely_points(
 
     found = rows.climb()
     if noise.grow(noise.grid.take(np.flatnonzero(np.any([_leads(own, grid.sort) for _, own in found], axis=0)))):
-        rows = rows.grown(columns)
+        gram, half_log_det = noise.products(columns)
+        rows = replace(rows, grid=noise.grid, gram=gram, half_log_det=half_log_det)
         found = [(best, rows.everywhere(v, best)) for v, (best, _) in enumerate(found)]
     grid = noise.grid
     seen = {best: (v, int(np.argmax(beside))) for v, (best, beside) in reversed([*enumerate(found)])}

@@ -82,8 +82,8 @@ def _oddness(block: Block, conditions: Conditions) -> FloatArray:
     out = np.zeros(len(left))
     for channel, position in itertools.product(np.unique(block.channel), np.unique(conditions.position)):
         here = np.flatnonzero((block.channel == channel) & (conditions.position[block.rows] == position))
-        padded = np.pad(left[here], NEIGHBOURS, mode="reflect") if len(here) > NEIGHBOURS else left[here]
         if len(here) > NEIGHBOURS:
+            padded = np.pad(left[here], NEIGHBOURS, mode="reflect")
             around = np.lib.stride_tricks.sliding_window_view(padded, 2 * NEIGHBOURS + 1)
             out[here] = np.abs(left[here] - np.median(around, axis=1))
     return out

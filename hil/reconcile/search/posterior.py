@@ -168,19 +168,15 @@ def shared_evidence(search: SensorSearch, sets: Sequence[Set], sorts: Sequence[f
     out = np.zeros((len(sets), len(sorts)))
     for block, by_sort in zip(search.blocks, zip(*search.evidence(sets), strict=True), strict=True):
         has = {kind.name: in_another(kind.effect) for kind in block.noise.kinds}
-        log_share = np.array(
-            [
-                [_log_share(own & has.keys(), here, has) if here <= own else -np.inf for own in sorts]
-                for here in block.noise.sorts
-            ]
-        )
-        out += log_sum(np.array(by_sort).T[:, :, None] + log_share[:, None])
+        shares = [[_log_share(own, here, has) for own in sorts] for here in block.noise.sorts]
+        out += log_sum(np.array(by_sort).T[:, :, None] + np.array(shares)[:, None])
     return out
 
 
 def _log_share(of: frozenset[str], here: frozenset[str], has: Mapping[str, float]) -> float:
     """How probable it is (log) that a block has just what is `here` of what its unit may scatter by."""
-    return float(sum(np.log(has[name] if name in here else 1.0 - has[name]) for name in of))
+    each = [np.log(has[name] if name in here else 1.0 - has[name]) for name in of & has.keys()]
+    return float(sum(each)) if here <= of else -np.inf
 
 
 def weigh(searches: Mapping[int, SensorSearch], *, serve: bool = True) -> Posterior:

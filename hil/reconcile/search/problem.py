@@ -70,8 +70,9 @@ class SensorProblem:
         plain = np.concatenate([self.form.columns(conditions), self.term_columns], axis=2)
         rates, stated = self.collects.rates_deg_per_hr - self.known_rates(), self.collects.rates_se_deg_per_hr
         alone = _misfit(plain, rates, fit_to(rates, plain, stated))
-        columns = _not_in(plain, effect_columns(effect, conditions, self.base, shape), rates)
-        both = np.concatenate([plain, columns], axis=2)
+        columns, measured = effect_columns(effect, conditions, self.base, shape), np.isfinite(rates)
+        kept = kept_shares(orthonormal(plain[measured]), columns[measured]) > UNSEEN  # the rest is the base's to do
+        both = np.concatenate([plain, columns[:, :, kept]], axis=2)
         joint = fit_to(rates, both, stated)
         if alone - _misfit(both, rates, joint) < _BEYOND_DOUBT:
             return self.base
@@ -109,14 +110,10 @@ def pose(campaign: Campaign, model: Model, catalogue: Sequence[Effect]) -> Probl
     for number, sensor in sensors.items():
         columns = np.concatenate([sensor.form.columns(sensor.collects.conditions), sensor.term_columns], axis=2)
         blocks += sensor_blocks(number, sensor.collects, sensor.known_rates(), columns)
-    bears = [len(block.y) - block.base.shape[1] >= LEAST_FREEDOM for block in blocks]
-    if any(bears):
-        notes += [
-            _starved(b, sensors[b.sensor].collects)
-            for b, bear in zip(blocks, bears, strict=True)
-            if len(b.y) and not bear
-        ]
-        blocks = [block for block, bear in zip(blocks, bears, strict=True) if bear]
+    bears = [block for block in blocks if len(block.y) - block.base.shape[1] >= LEAST_FREEDOM]
+    if bears:
+        starved = [block for block in blocks if 0 < len(block.y) < block.base.shape[1] + LEAST_FREEDOM]
+        notes, blocks = [_starved(block, sensors[block.sensor].collects) for block in starved], bears
     for number in sorted({block.sensor for block in blocks}):
         collects, sensor, form = campaign.sensors[number], sensors[number], sensors[number].form
         own = collects.conditions.sensor
@@ -206,13 +203,6 @@ def fit_to(rates: FloatArray, columns: FloatArray, stated: FloatArray | None = N
     if stated is not None and measured.any() and np.all(stated[measured] > 0.0):
         weight = 1.0 / np.hypot(stated[measured], 0.3 * np.median(stated[measured]))
     return smallest_fit(columns[measured] * weight[:, None], rates[measured] * weight, 1e-3)
-
-
-def _not_in(base: FloatArray, columns: FloatArray, rates: FloatArray) -> FloatArray:
-    """Leave out columns (n, c, p) that the base can imitate: what they do is the base's to do."""
-    measured = np.isfinite(rates)
-    kept = kept_shares(orthonormal(base[measured]), columns[measured])
-    return np.asarray(columns[:, :, kept > UNSEEN])
 
 
 def _misfit(columns: FloatArray, rates: FloatArray, values: FloatArray) -> float:

@@ -62,8 +62,8 @@ class SensorSearch:
         asked += self.starts
         self._weigh_anew()
         for b, block in enumerate(self.blocks):
-            beside = [self._columns(each, b) for each in asked]
-            block.choose([self._columns((), b), *(own for own in beside if own.shape[1])])
+            beside = [self.columns(each, b) for each in asked]
+            block.choose([self.columns((), b), *(own for own in beside if own.shape[1])])
 
     def serve(self, chosen: Set) -> None:
         """Add the points of the noise that are probable beside a set, and beside it without each of its members.
@@ -73,9 +73,9 @@ class SensorSearch:
         sets = [chosen, *(chosen[:k] + chosen[k + 1 :] for k in range(len(chosen)))]
         self._weigh_anew()
         for b, block in enumerate(self.blocks):
-            block.add([self._columns(each, b) for each in sets])
+            block.add([self.columns(each, b) for each in sets])
 
-    def _columns(self, chosen: Set, b: int) -> FloatArray:
+    def columns(self, chosen: Set, b: int) -> FloatArray:
         """Return the columns (N, q) of a set in a block."""
         own = [p.columns for j in chosen if (p := self.terms[j].parts[b])]
         return np.hstack([np.zeros((len(self.blocks[b].y), 0)), *own])
