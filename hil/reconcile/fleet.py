@@ -33,20 +33,15 @@ from hil.solve.temperatures import ELSEWHERE_DEGC, same_temperature
 
 NOISY_UNITS = 40
 """So many units, evenly over the fleet, say what noise is: one alone knows its own too badly to judge others by."""
-ASKED_UNITS = 8
-"""So many of these say whether the base's values follow temperature."""
-FRACTIONS = (0.01, 0.03, 0.1, 0.3, 1.0)
-"""Of the fleet, the shares that may have a shared effect."""
+ASKED_UNITS = 8  # so many of these say whether the base's values follow temperature
+FRACTIONS = (0.01, 0.03, 0.1, 0.3, 1.0)  # of the fleet, the shares that may have a shared effect
 FEW = 4
 """Points of the noise at which every unit of a fleet of `NOISY_UNITS` and more is weighed; of fewer units at all."""
-ASKED_AGAIN = 0.5
-"""Log odds from which a unit is weighed again at all of them: a discovery takes three and more."""
+ASKED_AGAIN = 0.5  # log odds from which a unit is weighed again at all of them: a discovery takes three and more
 CALLED = 2.5
 """Log odds from which the unit's own noise is asked: those of every discovery, for q < .05 takes odds of 19."""
-TOGETHER = 16
-"""Units that are weighed at once: their numbers then stay in the processor's cache."""
-SAME_G = 0.05
-"""Units whose accelerations differ by more stood in other positions."""
+TOGETHER = 16  # units that are weighed at once: their numbers then stay in the processor's cache
+SAME_G = 0.05  # units whose accelerations differ by more stood in other positions
 
 
 @dataclass(frozen=True)

@@ -36,8 +36,7 @@ _FINE = 5  # points by which a block is averaged
 _LEAST_P = 1e-300
 _ERROR = "se_deg_per_hr"
 _UNITS = (("_deg_per_hr_per_min", "deg/hr/min"), ("_deg_per_hr", "deg/hr"), ("_hz", "Hz"), ("_s", "s"))
-_ODDS = 0.05
-"""Prior odds that one effect shows inside the collects, as of one that shows in the averages."""
+_ODDS = 0.05  # prior odds that one effect shows inside the collects, as of one that shows in the averages
 RAMP = Ramp.id
 """A slope inside a collect is what every slow effect looks like there: what it is called, the averages say."""
 
@@ -231,10 +230,7 @@ def wandering(campaign: Campaign, number: int) -> Wander | None:
 
 @cache
 def _moments(tau_s: float, count: int, block_s: float) -> tuple[float, float]:
-    """Return what a wander of unit size adds to half the variance of steps from block to block, and to that of blocks.
-
-    That is about a straight line through all the blocks of a series.
-    """
+    """Return what a wander of unit size adds to half the variance of blocks' steps, and to that about a line."""
     fine = (np.arange(count * _FINE) + 0.5) * block_s / _FINE / 3600.0
     wanders = Scatter(np.ones((1, 1, 1)), tau_s=tau_s)
     alike = wanders.between(wanders, fine, fine)

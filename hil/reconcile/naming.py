@@ -28,8 +28,7 @@ WANDERS = 2.0
 """How much likelier than nothing at all it may be that averages only scatter: Ville's bound is loose by more there."""
 Names = tuple[frozenset[str], frozenset[str]]
 """What moves averages in a set, and what scatters them beyond ordinary noise."""
-_Weighed = tuple[frozenset[str], float, Found]
-"""The names in a set, how probable it is, and the set."""
+_Weighed = tuple[frozenset[str], float, Found]  # the names in a set, how probable it is, and the set
 
 
 @dataclass(frozen=True)

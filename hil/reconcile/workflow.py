@@ -34,8 +34,7 @@ from hil.reconcile.search.problem import Problem, pose
 from hil.solve.wrong_rows import pooled, sound
 
 INSIDE = 0.2  # share of the rate of false alarms that the series' tests have, where there are series
-FOLLOW = 5.0
-"""That the values of a unit follow temperature is so many times as probable as that all of them stand."""
+FOLLOW = 5.0  # that the values of a unit follow temperature is so many times as probable as that all of them stand
 HOPELESS = 21.0
 """What sets are worth so far, this much (log) below what they must be, nothing makes up that is found of the noise."""
 

@@ -16,7 +16,7 @@ from hil.reconcile.outcome.mistakes import certain, mended, outliers_found, rows
 from hil.reconcile.outcome.scatter import FoundScatter, found_scatter, likeliest_with, ordinary, pooled
 from hil.reconcile.outcome.stated import beside, not_repeated, wanders
 from hil.reconcile.outcome.values import taken_out
-from hil.reconcile.proof.held_out import HeldOut, held_out
+from hil.reconcile.proof.held_out import HeldOut
 from hil.reconcile.result import Gap, Solved
 from hil.reconcile.rivals import CERTAIN
 from hil.reconcile.search.candidates import Candidate
@@ -25,8 +25,7 @@ from hil.reconcile.search.posterior import Posterior
 from hil.reconcile.search.problem import Problem, SensorProblem
 from procedures.words import listed, percent
 
-ORDINARY = "ordinary"
-"""White noise and an offset from run to run: what is called no effect."""
+ORDINARY = "ordinary"  # white noise and an offset from run to run: what is called no effect
 WHITE = "white noise"
 
 
@@ -181,14 +180,6 @@ class Answer:
     def gap(self) -> Gap:
         """The gap before and after."""
         return gap_of(self.proof, self.fit, self.before, self.reading.chance)
-
-    @cached_property
-    def gap_of_names(self) -> Gap:
-        """What the names by themselves close of it, where mistakes in the data closed a part."""
-        if not (self.reading.mistakes and self.proof):
-            return self.gap
-        proof = held_out(self.posterior, self.reading.mended, self.reading.found)
-        return gap_of(proof, self.fit, self.before, self.reading.chance)
 
     @property
     def tested(self) -> bool:

@@ -33,8 +33,7 @@ NOT_HELD_OUT = (
     "no run could be held out: each temperature has one, and its values belong to it alone; the gap is that of the fit"
 )
 
-FEWEST_REPEATS = 30
-"""Degrees of freedom from which repeats measure the noise to an eighth."""
+FEWEST_REPEATS = 30  # degrees of freedom from which repeats measure the noise to an eighth
 
 
 def gap_of(proof: HeldOut | None, fit: Fitted, before: Fitted, chance: float) -> Gap:

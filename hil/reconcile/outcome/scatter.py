@@ -80,10 +80,7 @@ def found_scatter(posterior: Posterior, name: str) -> list[FoundScatter]:
 
 
 def _sets_with(posterior: Posterior, name: str) -> list[tuple[Found, float]]:
-    """Return the likeliest set with an effect on the scatter beside each that is likely of all else, with its share.
-
-    What is less than a tenth as probable as the likeliest moves no size by as much as its error.
-    """
+    """Return the likeliest set with an effect on the scatter beside each that is likely of all else, with its share."""
     every = _by_names(posterior, [found for found in posterior.sets if name in found.scatter])
     likely = [(found, share) for found, share in every if share > _LEAST * every[0][1]]
     return [(found, share / sum(own for _, own in likely)) for found, share in likely]
@@ -164,7 +161,7 @@ def _at_points(search: SensorSearch, b: int, chosen: Set, points: Points) -> Set
     return SensorSearch(blocks, search.terms).in_block(chosen, b)
 
 
-_LEAST = 0.1  # how probable a set is beside the likeliest, for a size
+_LEAST = 0.1  # how probable a set is beside the likeliest, for a size: less moves none by as much as its error
 _GRID = float(np.log(2.0))
 _STEPS = (8, 3)  # of an amount, and of an offset, which only stands beside it
 _BEYOND = 3.0  # what is explained is as uncertain as what is seen: so many such errors more, for the model to state it

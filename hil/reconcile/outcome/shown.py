@@ -18,6 +18,7 @@ from hil.reconcile.outcome.improve import improved
 from hil.reconcile.outcome.sentences import values_off
 from hil.reconcile.outcome.values import before_and_after
 from hil.reconcile.proof.experiment import next_experiment
+from hil.reconcile.proof.held_out import held_out
 from hil.reconcile.proof.places import places
 from hil.reconcile.result import Disagreement, FoundEffect, Reconciliation, Solved, without_collects
 from hil.reconcile.search.terms import NO_NAME
@@ -96,7 +97,11 @@ def _added(found: Answer) -> tuple[Model, Sequence[FoundEffect], Sequence[Mappin
     """Return the model with what it lacked, what of that shows inside the collects only, and what each parameter is."""
     model, after, values = found.problem.model, found.problem.model, list[dict[str, Any]]()
     if found.names:
-        record = {each.name: findings.origin(found.campaign, each, found.gap_of_names) for each in found.names}
+        gap, read = found.gap, found.reading
+        if read.mistakes and found.proof:  # what the names by themselves close of it
+            proof = held_out(found.posterior, read.mended, read.found)
+            gap = findings.gap_of(proof, found.fit, found.before, read.chance)
+        record = {each.name: findings.origin(found.campaign, each, gap) for each in found.names}
         sizes = scatter.pooled(found.scatter)
         after = improved(model, found.sensors, found.terms, sizes, record, found.calibrated)
         values = before_and_after(model, after, found.sensors, found.terms, found.calibrated, found.alike)

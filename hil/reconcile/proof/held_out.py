@@ -21,15 +21,11 @@ from hil.reconcile.search.noise import FEWEST_RUNS
 from hil.reconcile.search.posterior import Found, Posterior
 from hil.reconcile.search.sets import Set
 
-SETS = 8
-"""Sets among which a fold chooses: what is not among these with all rows is not without some."""
-BEYOND = 30.0
-"""Rows whose prediction is this many noises uncertain ask for what the others say nothing about."""
+SETS = 8  # sets among which a fold chooses: what is not among these with all rows is not without some
+BEYOND = 30.0  # rows whose prediction is this many noises uncertain ask for what the others say nothing about
 _NORMAL = 0.5 * float(np.log(2.0 * np.pi))
-WIDE = 1e4
-"""Deviation of a base parameter, in noises: as good as free."""
-FLIPS = 4000
-"""Of signs at random: the chance of an improvement is known to a part in so many."""
+WIDE = 1e4  # deviation of a base parameter, in noises: as good as free
+FLIPS = 4000  # of signs at random: the chance of an improvement is known to a part in so many
 _Folds = Mapping[int, tuple[IntArray, FloatArray]]
 """Of folds, their rows (k,) in the order of time, and what noise by itself makes of P among them, (k, k)."""
 
@@ -83,8 +79,7 @@ class HeldOut:
         return float((1 + np.sum(flipped >= least)) / (1 + FLIPS))
 
 
-_Key = tuple[int, int, Set, frozenset[str]]
-"""Sensor, block, terms and what scatters."""
+_Key = tuple[int, int, Set, frozenset[str]]  # sensor, block, terms and what scatters
 
 
 def held_out(posterior: Posterior, before: Found, lead: Found) -> HeldOut | None:

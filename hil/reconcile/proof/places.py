@@ -52,10 +52,7 @@ def places(fit: Fitted, terms: Sequence[set[tuple[int, int]]], p_value: float, a
 
 
 def _described(members: set[tuple[int, int]], fit: Fitted, own: Sequence[FittedBlock]) -> list[FloatArray]:
-    """Return how the sensor's blocks follow the values of one effect, (N, p) each.
-
-    By itself, or beside the base where no more can be known.
-    """
+    """Return how the sensor's blocks follow one effect, (N, p) each; beside the base where no more can be known."""
     itself, beside, white, rest_white = [], [], [], []
     for block in own:
         design, base = fit.design(block, members), block.search.block.base

@@ -7,7 +7,7 @@ import numpy as np
 
 from hil.campaign import FloatArray, IntArray
 from hil.model.effects.prior import HOLDS
-from hil.reconcile.search.evidence import SEEN, Beside, Scale
+from hil.reconcile.search.evidence import SEEN, Beside, Scale, less
 from hil.reconcile.search.filters import Filter
 from hil.reconcile.search.likely_noise import likely_points
 from hil.reconcile.search.noise import KEPT, Noise
@@ -15,10 +15,8 @@ from hil.reconcile.search.points import Points
 from hil.solve.identifiability import independent_columns
 from hil.solve.rows import Block
 
-SCANNED = 6
-"""Points of the noise at which every term is tried: a scan proposes, and what it proposes is weighed at all."""
-GLANCED = 4
-"""Points at which the terms are tried beside which the noise is then looked at anew."""
+SCANNED = 6  # points of the noise at which every term is tried: a scan proposes, and what it proposes is weighed at all
+GLANCED = 4  # points at which the terms are tried beside which the noise is then looked at anew
 
 
 @dataclass
@@ -80,7 +78,7 @@ class BlockSearch:
 
     def projected(self, columns: FloatArray, at: IntArray | slice = slice(None)) -> FloatArray:
         """Return columns (N, k), deg/hr, at some of the points, whitened and less what the base can do, (t, N, k)."""
-        return self.beside.project(self.whitened(columns, at), at)
+        return less(self.beside.basis[at], self.whitened(columns, at))
 
     def scanned_columns(self, columns: FloatArray, some: IntArray) -> FloatArray:
         """Return columns (N, k), deg/hr, as `projected` does, at some of the points that are scanned, (t, N, k)."""
@@ -91,7 +89,7 @@ class BlockSearch:
 
         Their products with whitened columns are those with columns as they were.
         """
-        known = self.beside.follow(np.swapaxes(white, 1, 2), at)
+        known = less(self.beside.values[at], np.swapaxes(white, 1, 2))
         out = np.empty(known.shape)
         for here, own in self._at(at):
             out[here[:, None], self.noise.order] = own.back(known[here])
@@ -99,7 +97,7 @@ class BlockSearch:
 
     def whitened(self, columns: FloatArray, at: IntArray | slice = slice(None)) -> FloatArray:
         """Return columns (N, k), deg/hr, at some of the points, with rows that are independent, in time, (t, N, k)."""
-        return self.beside.follow(self._white(columns[self.noise.order] / self.unit, at)[0], at)
+        return less(self.beside.values[at], self._white(columns[self.noise.order] / self.unit, at)[0])
 
     def _white(self, columns: FloatArray, at: IntArray | slice = slice(None)) -> tuple[FloatArray, FloatArray]:
         """Whiten columns (N, k), in the order of time, at some of the points: (t, N, k), and half log dets (t,)."""

@@ -17,8 +17,7 @@ from hil.model.effects.scatter import Scatter
 from hil.reconcile.search.chains import COMPARED
 from hil.reconcile.search.sets import SensorSearch, Set
 
-_SIZES = 2.0 ** np.arange(-1.5, 2.0, 0.5)
-"""Times the mean of what blocks say, the sizes that all may have in common."""
+_SIZES = 2.0 ** np.arange(-1.5, 2.0, 0.5)  # times the mean of what blocks say, the sizes that all may have in common
 
 
 @dataclass(frozen=True)

@@ -94,7 +94,7 @@ class Beside:
         root = np.sqrt(1.0 + np.maximum(squares, 0.0))
         values = seen @ (vectors / np.sqrt(root * (1.0 + root))[:, None, :])
         log_noise = -half_log_det - np.sum(np.log(root), axis=1)
-        known = _less(values, white[:, :, many:])
+        known = less(values, white[:, :, many:])
         residual = known[:, :, -1]
         none, rss = (known[:, :, :0], known[:, :0, :0]), np.zeros(len(points))
         alone = cls(scales, values, none[0], residual, rss, log_noise, log_noise, residual.shape[1], none[1])
@@ -107,7 +107,7 @@ class Beside:
         size = np.where(usable, squares, 1.0)
         turn = vectors * np.where(usable, size**-0.5, 0.0)[:, None, :]
         own = columns @ turn
-        left = _less(own, self.residual[:, :, None])[:, :, 0]
+        left = less(own, self.residual[:, :, None])[:, :, 0]
         rss = np.maximum(np.einsum("tn,tn->t", left, left), LEAST)
         log_base = self.log_base - 0.5 * np.sum(np.log(size), axis=1)
         freedom = self.freedom - int(usable.sum(axis=1).max(initial=0))
@@ -118,14 +118,6 @@ class Beside:
         """Return some of the points."""
         names = ("values", "basis", "residual", "rss", "log_noise", "log_base", "turn")
         return replace(self, **{name: getattr(self, name)[index] for name in names})
-
-    def follow(self, white: FloatArray, at: IntArray | slice) -> FloatArray:
-        """Return columns (t, N, k) whitened at some points but for values over temperature, whitened of these too."""
-        return _less(self.values[at], white)
-
-    def project(self, white: FloatArray, at: IntArray | slice) -> FloatArray:
-        """Return columns (t, N, k) whitened at some points less what the base can do."""
-        return _less(self.basis[at], white)
 
     def student(self, left: FloatArray) -> FloatArray:
         """Log evidence (s, t, …) of quadratic forms `left` (1, t, …) under every scale, prior of the point apart."""
@@ -156,7 +148,8 @@ def _under(scales: Sequence[Scale], freedom: int, further: int) -> tuple[FloatAr
     return a, b, power, a * np.log(b) - gammaln(a) + gammaln(power) + np.log(weight)
 
 
-def _less(basis: FloatArray, columns: FloatArray) -> FloatArray:
+def less(basis: FloatArray, columns: FloatArray) -> FloatArray:
+    """Return columns (t, N, k) less what a basis (t, N, p) can do, or the `values` of a base that is known."""
     return np.asarray(columns - basis @ (np.swapaxes(basis, 1, 2) @ columns)) if basis.shape[2] else columns
 
 

@@ -16,8 +16,7 @@ from hil.reconcile.search.sizes import over_sizes
 from hil.solve.identifiability import describe, orthonormal, project_out
 from hil.solve.runs import OBSERVABLE
 
-Key = tuple[int, int, int]
-"""Sensor, term, parameter."""
+Key = tuple[int, int, int]  # sensor, term, parameter
 Values = Mapping[int, tuple[float, float]]
 """Value and standard error by the place of a candidate's column."""
 _NOISES = 32  # of which errors are the mean: what is less probable than a thirtieth hardly widens them

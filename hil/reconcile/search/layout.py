@@ -21,8 +21,7 @@ from hil.solve.rows import Block
 
 BETWEEN = (0.25, 0.5, 0.75)
 """Where, in logarithms, a shape is tried between two points of its grid: a time constant is then right to a tenth."""
-BEYOND = 1.6
-"""By this factor a shape may lie outside its grid."""
+BEYOND = 1.6  # by this factor a shape may lie outside its grid
 
 
 def searches(

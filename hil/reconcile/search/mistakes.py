@@ -30,8 +30,7 @@ from hil.solve.rows import Block
 from hil.solve.temperatures import runs_by_temperature
 from hil.solve.wrong_rows import MENDED, USED, Wrong, wrong_rows
 
-NEIGHBOURS = 4
-"""Rows to either side, in the same position, that say what a row should be."""
+NEIGHBOURS = 4  # rows to either side, in the same position, that say what a row should be
 
 
 def may_be_wrong(

@@ -27,16 +27,13 @@ from hil.solve.rows import Block
 
 TAKEN = 8.0
 """Times what the base leaves of the rates that an effect on the scatter is at most: a base takes most of a walk."""
-SHOWN = 2.0
-"""And that an offset from run to run is: a base takes next to nothing of those."""
-HUGE = 10.0
-"""Times the usual variance, from which on that of a row says no more of the others'."""
+SHOWN = 2.0  # and that an offset from run to run is: a base takes next to nothing of those
+HUGE = 10.0  # times the usual variance, from which on that of a row says no more of the others'
 TOGETHER = 2
 """Effects on the scatter that are weighed together: no night tells three from two."""
 FEWEST_RUNS = 4
 """Runs of which one can be held out, and that tell what changes from one to the next: of fewer, collects do."""
-ALIKE = 0.985
-"""Covariances of which the cosine is larger are one and the same to these rows."""
+ALIKE = 0.985  # covariances of which the cosine is larger are one and the same to these rows
 LARGEST = 2_500_000
 """Numbers that are whitened at once: twenty megabytes, and still in step with the processor's cache."""
 KEPT = 500_000

@@ -21,8 +21,7 @@ SHAPES = ((1.0, 0.0, 0.0), (0.5, 0.49, 0.01), (0.45, 0.45, 0.1), (0.0, 0.0, 1.0)
 FIXED = (0.0, 0)
 FOLLOWS = (FIXED, *product(CALIBRATIONS, range(len(SHAPES))))
 """What one value of the base may do over temperature: how far it follows, and in what shape."""
-ALONE = 0.5
-"""How probably a value follows temperature in its own way, not in that of the unit's others."""
+ALONE = 0.5  # how probably a value follows temperature in its own way, not in that of the unit's others
 SMOOTH_DEGC = 30.0
 """Over which a smooth curve forgets itself: values of a unit turn two or three times over a sweep, not more."""
 Profile = tuple[tuple[float, int], ...]

@@ -18,14 +18,10 @@ from hil.reconcile.search.lookalikes import exchanged, lookalikes
 from hil.reconcile.search.sets import SensorSearch, Set
 from hil.reconcile.search.terms import Term
 
-WIDTH = (8, 5, 4, 3, 2)
-"""How many sets are grown further, at none, one, two … terms."""
-GROWTH = 8
-"""How many names each of them is tried with."""
-PER_NAME = 3
-"""Shapes of one name among these: what a name's best shapes cannot do its others cannot."""
-WORTH = 7.0
-"""Sets this much (log) below the best of their sensor are not combined over sensors."""
+WIDTH = (8, 5, 4, 3, 2)  # how many sets are grown further, at none, one, two … terms
+GROWTH = 8  # how many names each of them is tried with
+PER_NAME = 3  # shapes of one name among these: what a name's best shapes cannot do its others cannot
+WORTH = 7.0  # sets this much (log) below the best of their sensor are not combined over sensors
 
 OTHERS = 16
 """Likely sets of a sensor in which, too, what looks the same as a member of the likeliest is tried in its place."""
@@ -203,10 +199,7 @@ def beside_lookalikes(posterior: Posterior) -> Posterior:
 def _posterior(
     searches: Mapping[int, SensorSearch], lists: Mapping[int, Sequence[Set]], same: Mapping[int, Sequence[Set]]
 ) -> Posterior:
-    """Return how probable sets of all sensors are: the probable ones, and those of which each sensor has one of `same`.
-
-    With what scatters in the likeliest, that is.
-    """
+    """Return how probable sets of all sensors are: likely ones, and all of `same` with the likeliest scatter."""
     weights, sorts = log_weights(searches, lists)
     nothing, kept = np.arange(len(sorts)) == 0, np.arange(len(sorts)) == weights.argmax() % len(sorts)
     for n, sets in lists.items():

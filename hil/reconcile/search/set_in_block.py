@@ -21,8 +21,7 @@ from hil.reconcile.search.points import Points
 
 CLOSE = 0.01
 """What makes the rows less more probable than this (log) is not climbed to."""
-ABOUT = np.arange(-2, 3)
-"""Steps of a size about the best that are summed over."""
+ABOUT = np.arange(-2, 3)  # steps of a size about the best that are summed over
 _ALIKE = 4  # columns by which sets that are weighed side by side may differ
 
 

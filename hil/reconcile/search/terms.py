@@ -24,8 +24,7 @@ from hil.solve.rows import Block
 
 WRONG = {"row": ODDS["rate"] + ODDS["collect"], "run": ODDS["run"], Mislabelled.id: ODDS["exchanged"]}
 """Prior odds that a campaign has a wrong row, a wrong run, labels that are exchanged."""
-PLAIN = 5.0
-"""A value that is one number is this many times as probable as one that follows temperature in some form."""
+PLAIN = 5.0  # a value that is one number is this many times as probable as one that follows temperature in some form
 EXACT = 0.03
 """Deviation of an amplitude that is one or nothing: a model's columns are right to a few per cent.
 
