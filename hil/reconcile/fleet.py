@@ -114,9 +114,9 @@ class Asked:
 
 @dataclass(frozen=True)
 class Screen:
-    """One layout: its conditions and, by sensor, the search with points of the noise, at a `few` of which all begin."""
+    """One layout: how units stood and, by sensor, the search with points of the noise, at `few` of which all begin."""
 
-    conditions: Mapping[int, Conditions]
+    stood: "Stood"
     found: Mapping[int, SensorSearch]
     few: int | None = FEW
 
@@ -131,11 +131,11 @@ class Screen:
             raise InputError("a screen needs at least one unit")
         chosen = fitting_campaign(model, fleet[0])
         problem = pose(fleet[0], chosen, (*BASE_EFFECTS, *EFFECTS))
-        conditions = {number: sensor.collects.conditions for number, sensor in problem.sensors.items()}
+        stood = Stood({number: sensor.collects.conditions for number, sensor in problem.sensors.items()})
         few = FEW if len(fleet) >= NOISY_UNITS else None
-        laid = [cls(conditions, stand := searches(problem, (), VARIANCE_EFFECTS), few)]
+        laid = [cls(stood, stand := searches(problem, (), VARIANCE_EFFECTS), few)]
         if may_be_calibrated(problem):
-            laid.append(cls(conditions, searches(problem, (), VARIANCE_EFFECTS, stand), few))
+            laid.append(cls(stood, searches(problem, (), VARIANCE_EFFECTS, stand), few))
         if all(term.is_mistake for search in laid[0].found.values() for term in search.terms):
             raise InputError(
                 f"{fleet[0].title}: too few rows to test anything by; a screen needs several runs of each unit"
@@ -174,7 +174,7 @@ class Screen:
 
     def rates(self, campaign: Campaign) -> list[FloatArray]:
         """Return what a unit is weighed by: its rates (N,) in every block; raises `InputError` for another layout."""
-        if not self._stood.like(campaign):
+        if not self.stood.like(campaign):
             raise InputError(f"{campaign.title}: it is laid out otherwise than the screen")
         return self.in_blocks(beside_the_earth(campaign), campaign.title)
 
@@ -185,10 +185,6 @@ class Screen:
         if not all(np.all(np.isfinite(each)) for each in found):
             raise InputError(f"{title}: rows are missing that the screen's layout has")
         return found
-
-    @cached_property
-    def _stood(self) -> "Stood":
-        return Stood(self.conditions)
 
     @cached_property
     def asked(self) -> Asked:

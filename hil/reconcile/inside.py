@@ -60,13 +60,11 @@ def _asked(campaign: Campaign, effects: Sequence[SeriesEffect]) -> dict[tuple[Se
     asked: dict[tuple[SeriesEffect, int, str], list[_Answer]] = {}
     for number, collects in campaign.sensors.items():
         sensor = collects.conditions.sensor
+        of_sensor = [effect for effect in effects if effect.applies_to(sensor)]
         for collect in collects.conditions.collect.tolist():
-            series = campaign.series(collect)
-            if series is None:
+            if (series := campaign.series(collect)) is None:
                 continue
-            for effect in effects:
-                if not effect.applies_to(sensor):
-                    continue
+            for effect in of_sensor:
                 for index, answer in enumerate(effect.test(series, sensor)):
                     if np.isfinite(answer.p_value):
                         own = asked.setdefault((effect, number, answer.channel), [])

@@ -26,7 +26,6 @@ from hil.reconcile.search.problem import Problem, SensorProblem
 from procedures.words import listed, percent
 
 ORDINARY = "ordinary"  # white noise and an offset from run to run: what is called no effect
-WHITE = "white noise"
 
 
 @dataclass(frozen=True)
@@ -93,7 +92,7 @@ class Answer:
         likely[ORDINARY] = float(1.0 - sum(np.exp(f.log_weight) for f in posterior.sets if f.scatter))
         likely |= {each.name: each.probability for each in self.names if each.name in likely}
         ranked = sorted(likely.items(), key=lambda pair: -pair[1])
-        white = WHITE + " and an offset of each run" * any(each["run_offset_deg_per_hr"] for each in self.noise)
+        white = "white noise" + " and an offset of each run" * any(each["run_offset_deg_per_hr"] for each in self.noise)
         return {name: (titles.get(name, white), share) for name, share in ranked} if titles else {}
 
     @property

@@ -50,7 +50,9 @@ def shown(campaign: Campaign, found: Answer) -> Reconciliation:
     notes += [*_only_together(found), *_otherwise_asked(results, found.solved)]
     notes += [] if both is None else both.together
     notes += [f"what is known taken off: {each}" for each in found.left.reasons if found.left != found.solved]
-    notes += [*_not_proved(found), *values_off(standing, found.gap)]
+    notes += [f"{n.name}: the gap on held-out data did not shrink, so it was not added" for n in found.reverted]
+    notes += [findings.NOT_HELD_OUT] * bool(found.proof is None and found.names and found.prove)
+    notes += values_off(standing, found.gap)
     notes += [found.untold] if found.untold and not found.names else []
     notes += _may_be_too(found)
     notes += [*found.left.errors, *stated.scatter_in_words(found.noise)]
@@ -170,13 +172,6 @@ def _may_be_too(found: Answer) -> Iterator[str]:
         if share > LIKELY and name not in called:
             which = "something that no effect describes" if name == NO_NAME else f"{titles[name]} ({name})"
             yield f"{which}: {percent(share)}, and so not called missing at a rate of false alarms of {found.alpha:.2g}"
-
-
-def _not_proved(found: Answer) -> Iterator[str]:
-    """Say what held-out rows took back, and where nothing could be held out."""
-    yield from (f"{n.name}: the gap on held-out data did not shrink, so it was not added" for n in found.reverted)
-    if found.proof is None and found.names and found.prove:
-        yield findings.NOT_HELD_OUT
 
 
 def _doubtful(campaign: Campaign) -> dict[str, list[int]]:

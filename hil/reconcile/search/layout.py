@@ -17,7 +17,6 @@ from hil.reconcile.search.posterior import Found, Posterior, shared_evidence
 from hil.reconcile.search.problem import LEAST_FREEDOM, Problem, SensorProblem
 from hil.reconcile.search.sets import SensorSearch
 from hil.reconcile.search.terms import terms
-from hil.solve.rows import Block
 
 BETWEEN = (0.25, 0.5, 0.75)
 """Where, in logarithms, a shape is tried between two points of its grid: a time constant is then right to a tenth."""
@@ -34,22 +33,18 @@ def searches(
 
     Beside the searches with values that `stand`, the base has values of its own at each temperature.
     """
-    out = {}
-    for number in sorted({block.sensor for block in problem.blocks}):
-        sensor = problem.sensors[number]
-        blocks = [block for block in problem.blocks if block.sensor == number]
-        out[number] = _search(problem, sensor, blocks, mislabelled, scatter, stand.get(number))
-    return out
+    numbers = sorted({block.sensor for block in problem.blocks})
+    return {n: _search(problem, n, mislabelled, scatter, stand.get(n)) for n in numbers}
 
 
 def _search(
     problem: Problem,
-    sensor: SensorProblem,
-    blocks: Sequence[Block],
+    number: int,
     mislabelled: Sequence[Effect],
     scatter: Sequence[VarianceEffect],
     stands: SensorSearch | None,
 ) -> SensorSearch:
+    sensor, blocks = problem.sensors[number], [block for block in problem.blocks if block.sensor == number]
     conditions = sensor.collects.conditions
     stated = problem.model.stated_scatter(conditions)
     testable = min(len(block.y) - block.base.shape[1] for block in blocks) >= LEAST_FREEDOM
@@ -60,9 +55,9 @@ def _search(
     laid = [BlockSearch.of(block, own) for block, own in zip(blocks, noises, strict=True)]
     if not testable:
         return SensorSearch(laid, [])
-    candidates = [c for c in problem.candidates if c.sensor == sensor.number]
-    solved = AsSolved.of(problem.campaign, sensor.number)
-    candidates += may_be_wrong(sensor.number, blocks, conditions, solved)
+    candidates = [c for c in problem.candidates if c.sensor == number]
+    solved = AsSolved.of(problem.campaign, number)
+    candidates += may_be_wrong(number, blocks, conditions, solved)
     if any(isinstance(effect, Mislabelled) for effect in mislabelled):
         candidates += exchanges(sensor, blocks, solved)
     site = problem.campaign.site
@@ -70,7 +65,7 @@ def _search(
     noise = float(np.sqrt(np.mean([b.noise.unit for b in laid])))
     own_values = all(b.noise.calibrated for b in laid)
     found = terms(candidates, blocks, conditions, noise, known, calibrated=own_values)
-    told = as_told(found, solved, problem.campaign.exchanged.get(sensor.number, ()))
+    told = as_told(found, solved, problem.campaign.exchanged.get(number, ()))
     search = SensorSearch(laid, told, solved.among(told))
     search.refine()
     parents = [term for j in search.leading() if (term := search.terms[j]).tier == 1]

@@ -80,17 +80,9 @@ class Group:
             ends = np.cumsum([0, *np.repeat([len(part.rows) for part in own], q)], dtype=np.int32)
             columns = csc_array((values, rows.astype(np.int32), ends), (own[0].many, len(ends) - 1))
             columns.eliminate_zeros()
-            yield cls(
-                places + first,
-                columns,
-                (),
-                np.zeros((0, len(places), q, q)),
-                np.array([j for j, _ in priors]),
-                np.array([prior.mean for _, prior in priors]),
-                np.array([prior.deviation for _, prior in priors]),
-                tried,
-                weights,
-            )
+            gram, owner = np.zeros((0, len(places), q, q)), np.array([j for j, _ in priors])
+            mean, deviation = (np.array([getattr(prior, of) for _, prior in priors]) for of in ("mean", "deviation"))
+            yield cls(places + first, columns, (), gram, owner, mean, deviation, tried, weights)
 
 
 def log_factors(
