@@ -126,7 +126,15 @@ def improved(
 
     `record` says where each name came from. The base of sensors in `calibrated` has values at each temperature.
     """
-    added = [t for candidate, values in terms for t in _terms(candidate, values, sensors, record)]
+    added: list[Term] = []
+    for candidate, values in terms:
+        name = "empirical" if candidate.effect is None else candidate.name
+        known = {"sensor": candidate.sensor, "added": dict(record[name])}
+        if candidate.effect is None:
+            added += _empirical_terms(candidate, values, sensors[candidate.sensor].collects.conditions, known)
+            continue
+        curves, shape = _curves(candidate, values), dict(candidate.shape)
+        added.append(Term(effect=candidate.effect.id, parameters=curves, shape=shape, **known))
     base = {number: base_curves(sensor, terms, number in calibrated) for number, sensor in sensors.items()}
     comparable = all(sensor.form.name in {model.form, "matrix-6"} for sensor in sensors.values())
     noise = dict(model.noise)
@@ -215,25 +223,6 @@ def _shifted(given: Mapping[str, Curve], names: Sequence[str], values: FloatArra
     return out
 
 
-def _terms(
-    candidate: Candidate,
-    values: Values,
-    sensors: Mapping[int, SensorProblem],
-    record: Mapping[str, Mapping[str, Any]],
-) -> list[Term]:
-    if candidate.effect is None:
-        return _empirical_terms(candidate, values, sensors[candidate.sensor].collects.conditions, record["empirical"])
-    return [
-        Term(
-            effect=candidate.effect.id,
-            sensor=candidate.sensor,
-            parameters=_curves(candidate, values),
-            shape=dict(candidate.shape),
-            added=dict(record[candidate.name]),
-        )
-    ]
-
-
 def _curves(candidate: Candidate, found: Values) -> dict[str, Curve]:
     """Return one curve per parameter, in the candidate's form."""
     if candidate.form == "constant":
@@ -259,7 +248,7 @@ def _curves(candidate: Candidate, found: Values) -> dict[str, Curve]:
 
 
 def _empirical_terms(
-    candidate: Candidate, found: Values, conditions: Conditions, record: Mapping[str, Any]
+    candidate: Candidate, found: Values, conditions: Conditions, known: Mapping[str, Any]
 ) -> list[Term]:
     """Return one term per channel and power: base parameter × driver, with the sign of the parameter's own column."""
     out = []
@@ -273,15 +262,7 @@ def _empirical_terms(
         scale = float(own @ mine) / max(float(own @ own), 1e-300)
         unit = effect.parameters_for(conditions)[0].unit
         parameter = Constant(unit=unit, value=value * scale, se=abs(error * scale))
-        out.append(
-            Term(
-                effect=effect.id,
-                sensor=candidate.sensor,
-                parameters={"q": parameter},
-                shape={"reference": reference},
-                added=dict(record),
-            )
-        )
+        out.append(Term(effect=effect.id, parameters={"q": parameter}, shape={"reference": reference}, **known))
     return out
 
 

@@ -197,21 +197,15 @@ def pictures(
             np.sqrt(np.mean([r["noise_after"] ** 2 for r in own]))
         )
         axes.axhspan(-size, size, color="0.85", linewidth=0.0, zorder=0, label="noise")
-        for label, look in zip(
-            labels, [*LOOKS.values(), *({"color": "0.4", "marker": "."},) * len(labels)], strict=False
-        ):
+        looks = [*LOOKS.values(), *({"color": "0.4", "marker": "."},) * len(labels)]
+        for label, look in zip(labels, looks, strict=False):
             at = [r for r in own if r["position"] == label]
             x = np.array([_along(r, driver, labels) for r in at])
             x += (driver == "position") * (_WIDE * (np.arange(len(at)) + 0.5) / len(at) - 0.5 * _WIDE)
             added = np.array([curve * r["effect"] for r in at])
             marks = {**look, "linestyle": "none"}
-            axes.plot(
-                x,
-                np.array([r[key] for r in at]) + added,
-                markersize=4,
-                label=f"{'position ' * (label == labels[0])}{label}",
-                **marks,
-            )
+            told = f"{'position ' * (label == labels[0])}{label}"
+            axes.plot(x, np.array([r[key] for r in at]) + added, markersize=4, label=told, **marks)
             if curve:
                 order = np.argsort(x, kind="stable")
                 axes.plot(x[order], added[order], color=look["color"], linewidth=1.4)

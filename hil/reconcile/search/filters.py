@@ -112,10 +112,8 @@ def filter_of(
         at = rows.reshape(-1, rows.shape[2]).T
         seen, keep, kick = (np.take(np.swapaxes(own[at], 1, 2), of, axis=3) for own in of_chains)
         seen *= amounts.T[:, None]
-        (size, states), each = (
-            seen.shape[:2],
-            [own.reshape(*own.shape[:-2], -1) for own in (seen, keep, kick, white[at])],
-        )
+        size, states = seen.shape[:2]
+        each = [own.reshape(*own.shape[:-2], -1) for own in (seen, keep, kick, white[at])]
         start = np.zeros((states, states, each[0].shape[2]))
         start = _entered(each, start, len(rows)) if len(rows) > 1 else start
         gain, scale, _ = _gains(*each, start=start)

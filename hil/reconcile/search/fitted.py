@@ -143,9 +143,8 @@ class Fitted:
             columns = self.design(block, terms)[:, own]
             left = block.search.block.y - self.effect(block) + columns @ self.values[own]
             white = block.beside(np.column_stack([columns, left]))
-            for at, value in zip(
-                own, np.linalg.lstsq(white[:, :-1], white[:, -1], rcond=1e-9)[0].tolist(), strict=True
-            ):
+            fit = np.linalg.lstsq(white[:, :-1], white[:, -1], rcond=1e-9)[0]
+            for at, value in zip(own, fit.tolist(), strict=True):
                 number, place, k = self.keys[at]
                 out[self.keys[at]] = value / float(self.posterior.term(number, place).scale[k])
         return out
@@ -177,9 +176,8 @@ class Fitted:
             added = self.design(block, {(number, j) for j in own}) @ self.values
             part = self.posterior.term(number, rival).parts[b]
             columns = [block.search.block.base, added[:, None], *([] if part is None else [part.columns])]
-            base, target, others = np.split(
-                block.white(np.hstack(columns)), np.cumsum([c.shape[1] for c in columns[:2]]), 1
-            )
+            ends = np.cumsum([c.shape[1] for c in columns[:2]])
+            base, target, others = np.split(block.white(np.hstack(columns)), ends, axis=1)
             base = orthonormal(base)
             target = project_out(base, target[:, 0])
             whole += float(target @ target)

@@ -56,10 +56,9 @@ class SetInBlock:
     def prior(self, instead: Mapping[int, int] = MappingProxyType({})) -> tuple[FloatArray, FloatArray]:
         """Return the means (k,) and deviations (k,) of the amplitudes at the best sizes, or others of some members."""
         at = [(own, instead.get(j, o)) for j, own, o in zip(self.members, self.options, self.best, strict=True)]
-        none = [np.zeros(0)]
-        return np.concatenate(none + [own.mean[o] for own, o in at]), np.concatenate(
-            none + [own.deviation[o] for own, o in at]
-        )
+        none = np.zeros(0)
+        mean, deviation = ([none, *(getattr(own, of)[o] for own, o in at)] for of in ("mean", "deviation"))
+        return np.concatenate(mean), np.concatenate(deviation)
 
     def by_sort(self, sorts: int) -> FloatArray:
         """Log evidence by what scatters, (u,), ordinary noise first."""

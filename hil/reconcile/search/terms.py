@@ -153,13 +153,9 @@ def terms(
         own = tuple(() if p is None else tuple(_of_part(a, p) for a in amplitudes) for p in parts)
         acting = [set(part.parameters.tolist()) for part in parts if part is not None]
         shared, sized = any(a & b for a, b in itertools.combinations(acting, 2)), not _is_exact(candidate)
-        ties = shared and sized
-        absent = (
-            1.0 - in_another(candidate.effect) if len(acting) > 1 and sized and not shared and candidate.tier else 0.0
-        )
-        out.append(
-            Term(candidate.name, candidate.tier, candidate, parts, own, scale, float(np.log(odds)), ties, absent)
-        )
+        ties, apart, log_odds = shared and sized, len(acting) > 1 and sized and not shared, float(np.log(odds))
+        absent = 1.0 - in_another(candidate.effect) if apart and candidate.tier else 0.0
+        out.append(Term(candidate.name, candidate.tier, candidate, parts, own, scale, log_odds, ties, absent))
     return _undescribed(out, bases)
 
 
