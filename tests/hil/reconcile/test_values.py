@@ -100,5 +100,5 @@ def test_what_looks_the_same_and_follows_temperature_is_asked_of_the_rivals() ->
     rivals = [Rival(e.candidate.effect.id, 0.2, 1.0 if k < 4 else 0.5, terms={2: k}) for k, e in laid.items() if k]
     found = SimpleNamespace(names=[SimpleNamespace(terms={2: [0]}, rivals=rivals)])
     posterior = SimpleNamespace(term=lambda _, j: laid[j])
-    answer = Answer(*cast(Any, (None, None, posterior, found, None, (), 0.05, False)))
+    answer = Answer(*cast(Any, (None, None, posterior, found, None, (), 0.05, False, ())))
     assert {own: [each.id for each in of] for own, of in answer.alike.items()} == {"hyst": ["bias_T", "ageing"]}
