@@ -98,7 +98,7 @@ def laws(
 
     soak = soaked(c)
     air, by = column("chamber_degC", soak), "the air around the unit, after a soak"
-    to_come = to_come_degC(c)
+    to_come = to_come_degC(slope_degC_per_min(c))
     for name in ("temperature_degC", "case_degC"):
         yield around(name, air, _COLDER_DEGC + to_come, _WARMER_DEGC + to_come, by)
     shown, set_to = column("temperature_degC", soak), column("setpoint_degC", soak)
@@ -180,14 +180,15 @@ def soaked(c: Conditions) -> BoolArray:
     return np.asarray(c.columns.get("time_since_setpoint_s", np.zeros(len(c))) > _SOAKED_S)
 
 
-def to_come_degC(c: Conditions, otherwise_degC_per_min: FloatArray | float = 0.0) -> FloatArray:
-    """Return by how much the unit's temperature is still to change in each collect, (n,), °C; 0 where nothing tells.
-
-    By the slope that was recorded, or `otherwise`, (n,).
-    """
+def slope_degC_per_min(c: Conditions, otherwise: FloatArray | float = 0.0) -> FloatArray:
+    """Return how fast the unit's temperature moves, (n,), °C/min, as it was recorded, or `otherwise`."""
     recorded = c.columns.get("dTdt_degC_per_min", np.full(len(c), np.nan))
-    slope = np.abs(np.where(np.isfinite(recorded), recorded, otherwise_degC_per_min))
-    return np.asarray(_TO_COME_MIN * np.maximum(slope - _STEADY_DEGC_PER_MIN, 0.0))
+    return np.abs(np.where(np.isfinite(recorded), recorded, otherwise))
+
+
+def to_come_degC(slope_degC_per_min: FloatArray) -> FloatArray:
+    """Return by how much a temperature is still to change in each collect, (n,), °C, that moves so fast, (n,)."""
+    return np.asarray(_TO_COME_MIN * np.maximum(slope_degC_per_min - _STEADY_DEGC_PER_MIN, 0.0))
 
 
 def from_the_usual_g(c: Conditions) -> FloatArray:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.campaign.data import BoolArray, Campaign, Collects, Conditions, FloatArray, IntArray, Sensor
-from hil.campaign.laws import digit, laws, soaked, to_come_degC
+from hil.campaign.laws import digit, laws, slope_degC_per_min, soaked, to_come_degC
 from hil.campaign.stand_ins import off_its_case
 from hil.errors import InputError
 from procedures.pose import Contradiction, PoseTable
@@ -370,7 +370,9 @@ def _lost(collects: Collects, name: str) -> Iterator[_Found]:
             rows &= ~among
             yield said(lost, among)
     rows &= soaked(collects.conditions)
-    rows &= to_come_degC(collects.conditions) < _RANGE_DEGC  # what still follows has not lost the air
+    rows &= (
+        to_come_degC(slope_degC_per_min(collects.conditions)) < _RANGE_DEGC
+    )  # what still follows has not lost the air
 
     def follows(chosen: BoolArray) -> float:
         known = np.ptp(air[chosen]) > _RANGE_DEGC if chosen.any() else False

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hil.campaign.data import BoolArray, Campaign, Collects, Conditions, FloatArray, known_mean
-from hil.campaign.laws import to_come_degC
+from hil.campaign.laws import slope_degC_per_min, to_come_degC
 from procedures.words import numbered
 
 OWN = "temperature_degC"
@@ -68,7 +68,7 @@ def off_its_case(conditions: Conditions) -> Iterator[OffItsCase]:
 
     A unit that is still to follow its case is off it by right, so that of which no slope was recorded may be.
     """
-    columns, still = conditions.columns, to_come_degC(conditions) > 0.5 * WIDEST_DEGC
+    columns, still = conditions.columns, to_come_degC(slope_degC_per_min(conditions)) > 0.5 * WIDEST_DEGC
     if not {OWN, "case_degC"} <= columns.keys():
         return
     air = next((columns[name] for name in _STAND_INS[1:] if name in columns), np.full(len(still), np.nan))

@@ -6,6 +6,7 @@
 Repeats, noise, a calibration per temperature, parameters against temperature, the report and reconcile ask here.
 """
 
+import math
 from collections.abc import Iterable, Sequence
 from functools import lru_cache
 from itertools import groupby
@@ -14,7 +15,7 @@ import numpy as np
 
 from hil.campaign import Conditions, FloatArray, IntArray
 from hil.campaign.data import TELL_TEMPERATURE, known_mean
-from hil.campaign.laws import to_come_degC
+from hil.campaign.laws import slope_degC_per_min, to_come_degC
 from hil.campaign.stand_ins import OWN, WIDEST_DEGC, own_degC, temperature_of, told
 from hil.errors import InputError
 from hil.model import Model
@@ -28,7 +29,7 @@ NARROWEST_DEGC = 1.0
 """Neighbours that are this close always belong to one temperature; setpoints that are further apart never do."""
 
 _SETPOINT = "setpoint_degC"
-_JITTER_DEGC, _LINE = 0.5, 4.0  # so much at least, and so many times what is off it, a thermometer goes along a line
+_SIGMAS, _DIGIT_DEGC = 5.0, 0.03  # by which a slope is no jitter; and what a thermometer of one digit makes of none
 
 NOT_SETTLED = "the soak had not ended"
 
@@ -246,34 +247,43 @@ def unsettled(conditions: Conditions) -> dict[int, str]:
     if setpoint is not None and not np.isfinite(setpoint).all():
         setpoint = None
     meant = conditions.run if setpoint is None else _numbered(setpoint, NARROWEST_DEGC)
-    to_come, far = to_come_degC(conditions, _through_runs(conditions, own)), 0.5 * WIDEST_DEGC
+    slope, far = slope_degC_per_min(conditions, _through_runs(conditions, own)), 0.5 * WIDEST_DEGC
+    to_come = to_come_degC(slope)
     for place in np.unique(meant):
         here = np.flatnonzero((meant == place) & np.isfinite(own))
         several = here.size and np.ptp(own[here]) > WIDEST_DEGC
-        if several or (setpoint is not None and np.any(to_come[here] > far)):
+        if several or (setpoint is not None and np.any(to_come[here] > WIDEST_DEGC)):
             middle, last = np.median(own[here]), own[here[np.argmax(conditions.start_s[here])]]
             settled = middle if np.mean(np.abs(own[here] - middle) < far) > 0.5 else last
             at, of = ("", "the run") if setpoint is None else (f"setpoint {setpoint[here][0]:.4g} °C: ", "its runs")
-            words = (
-                f"{at}the unit's own thermometer went from {own[here].min():z.1f} to {own[here].max():z.1f} °C through "
-                f"{of}: {NOT_SETTLED}"
-            )
-            off = here[(to_come[here] > far) | (several & (np.abs(own[here] - settled) > far))]
+            moving = f"went from {own[here].min():z.1f} to {own[here].max():z.1f} °C through {of}"
+            if not several:
+                moving = f"moved by up to {slope[here].max():.2g} °C/min, at {known_mean(own[here]):z.1f} °C in {of}"
+            words = f"{at}the unit's own thermometer {moving}: {NOT_SETTLED}"
+            elsewhere = several & (np.abs(own[here] - settled) > far)
+            off = here[elsewhere | (to_come[here] > (far if several else WIDEST_DEGC))]
             found |= dict.fromkeys(np.unique(conditions.run[off]).tolist(), words)
     return found
 
 
 def _through_runs(conditions: Conditions, degC: FloatArray) -> FloatArray:
-    """Return how fast a temperature (n,) goes through each run, °C/min, (n,): 0 where it is no line, or jitter."""
-    out = np.zeros(len(conditions))
+    """Return how fast a temperature (n,) goes through each run, °C/min, (n,): 0 where its jitter may be all of it.
+
+    That is what lines leave of all runs, which no one run tells by itself.
+    """
+    out, squares, freedom, found = np.zeros(len(conditions)), 0.0, 0, []
     for rows in conditions.of_each_run.values():
         known = rows[np.isfinite(degC[rows])]
         minutes = (conditions.start_s[known] + 0.5 * conditions.duration_s[known]) / 60.0
         if len(known) > 2 and np.ptp(minutes) > 0.0:
-            slope, level = np.polyfit(minutes - minutes.mean(), degC[known], 1)
-            left = degC[known] - level - slope * (minutes - minutes.mean())
-            change = abs(slope) * np.ptp(minutes)
-            out[rows] = slope * (change > max(_JITTER_DEGC, _LINE * np.ptp(left)))
+            minutes -= minutes.mean()
+            slope = float(minutes @ degC[known] / (minutes @ minutes))
+            squares += float(np.sum((degC[known] - degC[known].mean() - slope * minutes) ** 2))
+            freedom += len(known) - 2
+            found.append((rows, slope, math.sqrt(minutes @ minutes)))
+    jitter = _SIGMAS * max(math.sqrt(squares / max(freedom, 1)), _DIGIT_DEGC)
+    for rows, slope, size in found:
+        out[rows] = slope * (abs(slope) * size > jitter)
     return out
 
 
