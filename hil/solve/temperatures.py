@@ -248,11 +248,15 @@ def unsettled(conditions: Conditions) -> dict[int, str]:
         setpoint = None
     meant = conditions.run if setpoint is None else _numbered(setpoint, NARROWEST_DEGC)
     slope, far = slope_degC_per_min(conditions, _through_runs(conditions, own)), 0.5 * WIDEST_DEGC
-    to_come = to_come_degC(slope)
+    to_come, through = to_come_degC(slope), np.zeros(len(conditions))
+    for rows in conditions.of_each_run.values():
+        known = own[rows][np.isfinite(own[rows])]
+        through[rows] = np.ptp(known) if len(known) else 0.0
     for place in np.unique(meant):
         here = np.flatnonzero((meant == place) & np.isfinite(own))
         several = here.size and np.ptp(own[here]) > WIDEST_DEGC
-        if several or (setpoint is not None and np.any(to_come[here] > WIDEST_DEGC)):
+        moves = (to_come[here] > WIDEST_DEGC) & (through[here] > NARROWEST_DEGC) & (setpoint is not None)
+        if several or np.any(moves):
             middle, last = np.median(own[here]), own[here[np.argmax(conditions.start_s[here])]]
             settled = middle if np.mean(np.abs(own[here] - middle) < far) > 0.5 else last
             at, of = ("", "the run") if setpoint is None else (f"setpoint {setpoint[here][0]:.4g} °C: ", "its runs")
@@ -260,8 +264,8 @@ def unsettled(conditions: Conditions) -> dict[int, str]:
             if not several:
                 moving = f"moved by up to {slope[here].max():.2g} °C/min, at {known_mean(own[here]):z.1f} °C in {of}"
             words = f"{at}the unit's own thermometer {moving}: {NOT_SETTLED}"
-            elsewhere = several & (np.abs(own[here] - settled) > far)
-            off = here[elsewhere | (to_come[here] > (far if several else WIDEST_DEGC))]
+            elsewhere = np.fmax(to_come[here], np.abs(own[here] - settled)) > far
+            off = here[elsewhere if several else moves]
             found |= dict.fromkeys(np.unique(conditions.run[off]).tolist(), words)
     return found
 
