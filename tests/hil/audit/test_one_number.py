@@ -366,11 +366,11 @@ def test_what_is_said_of_standard_errors_beside_what_was_found_says_so() -> None
 def test_a_budget_says_why_solve_states_more_than_all_sources(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """What repeats show beyond noise is no source's, nor are errors as they are stated or as residuals show them."""
+    """What repeats show beyond noise is no source's; errors that are six times too large are no more of it."""
     good = read_campaign(written("good", tmp_path / "good"))
     wide = replace(good.sensors[2], rates_se_deg_per_hr=6.0 * good.sensors[2].rates_se_deg_per_hr)
     write_campaign(replace(good, sensors={2: wide}), tmp_path / "wide")
-    for name, of in (("good", "BA, BB"), ("wide", "BA, BB, GSA, GSB, MUA, MUB")):
+    for name in ("good", "wide"):
         assert run(["budget", str(tmp_path / name), "--draws", "100"]) == 0
-        said = f"hil solve states more of {of}: errors no smaller than they are stated and than residuals and repeats"
+        said = "hil solve states more of BA, BB: errors as large as residuals or repeats show them, be it by chance"
         assert said in capsys.readouterr().out
