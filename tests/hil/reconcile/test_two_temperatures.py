@@ -15,6 +15,7 @@ from hil.model.effects.base import Base, Parameter
 from hil.model.effects.catalogue import effect_by_id
 from hil.model.effects.columns import above_reference, per_channel
 from hil.model.effects.thermal import BiasTemperature
+from hil.reconcile import reconcile
 from hil.reconcile.proof.experiment import separation
 from hil.reconcile.search.problem import pose
 from tests.hil.analysis.thermal.nights import rotor_night
@@ -92,3 +93,33 @@ def test_an_experiment_has_no_more_of_a_curve_than_two_temperatures_told() -> No
         found = separation((curve, np.full(len(curve.parameters), 0.5)), rival, problem.sensors[2], None, 1.0)
         assert found is not None
         assert found[1] < 5.0, "both are a step of 17.5 deg/hr here"
+
+
+_LINES = {
+    "BA": (15.0, -0.2),
+    "BB": (5.0, 0.7),
+    "GSA": (59.0, 0.25),
+    "GSB": (-24.0, -0.1),
+    "MUA": (6.0, 0.22),
+    "MUB": (-4.0, 0.12),
+}
+"""Every parameter of a unit at 20 °C, deg/hr (at 1 g), and what it does with temperature, by °C."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 1, 3])
+def test_where_all_parameters_follow_two_temperatures_nothing_else_is_named(seed: int) -> None:
+    """A scale factor and a step, each at 100 %, left 16 deg/hr of seed 1: sets that fit badly had seemed probable."""
+    curves = {name: lambda degC, of=of: of[0] + of[1] * (degC - 20.0) for name, of in _LINES.items()}
+    night = rotor_night(
+        np.random.default_rng(seed),
+        curves,
+        temperatures_degC=(-20.0, 45.0),
+        run_to_run={},
+        white=0.9,
+        positions=("1", "2", "3", "1"),
+    )
+    result = reconcile(night, "matrix-6")
+    assert result.calibrated or {each.id for each in result.effects} == {"bias_T", "GS_T", "MU_real"}
+    assert result.gap.after < 1.5 * result.gap.noise_floor
+    assert all(channel["run_offset_deg_per_hr"] < 1.0 for channel in result.noise)
