@@ -81,6 +81,8 @@ def dashboard(
     archive: Annotated[Path | None, Option(envvar="HIL_ARCHIVE", help="Show its units, too.")] = None,
 ) -> None:
     """Show running and finished nights on a live page in the browser, until Ctrl-C. Nights go on without it."""
+    from asyncio import CancelledError
+
     from hil.dashboard.access import Access, is_loopback, new_token, token_from, url
     from hil.dashboard.server import create_app, listen, server
     from hil.dashboard.watcher import Watcher
@@ -92,7 +94,7 @@ def dashboard(
     watcher = Watcher(folder, archive=archive)
     if not watcher.journals():
         messages().print(f"note: there is no night in {folder} yet; one that begins appears on the page by itself")
-    with suppress(KeyboardInterrupt), listen(host, port) as listener:
+    with suppress(KeyboardInterrupt, CancelledError), listen(host, port) as listener:  # by when Ctrl-C is pressed
         results().print(url(host, listener.getsockname()[1]))
         what = "pausing, continuing, aborting and answering"
         if not is_loopback(host):
