@@ -80,23 +80,23 @@ def tied_gains(sets: Sequence[Tied]) -> list[float]:
         together.append([_Start.of(blocks, [own | one for own in of], start, tied) for of, start, one in starts])
     if not sets:
         return []
-    # By the noise of free amplitudes, or of none: sizes that leave much explain it by noise.
-    none = [[replace(of, left=[of.blocks[0].beside.rss]) for of in own] for own in apart]
-    bounds = [
-        np.maximum(*map(_bounds, own)) for own in zip(zip(*apart, strict=True), zip(*none, strict=True), strict=True)
-    ]
-    alone = np.sum(bounds, axis=0).tolist()
+    alone = np.sum([_bounds(own) for own in zip(*apart, strict=True)], axis=0).tolist()
     every, ends = _bounds([start for own in together for start in own]), np.cumsum([len(own) for own in together])
     best = [max(own) for own in np.split(every, ends[:-1])]
     return [float(one - own - more) for one, own, more in zip(best, alone, again, strict=True)]
 
 
 def _bounds(starts: Sequence[_Start]) -> FloatArray:
-    """How probable the same blocks' rows are at least (log), raised from some starts, (m,)."""
+    """How probable the same blocks' rows are at least (log), raised from some starts, (m,).
+
+    By the noise that these leave, or that nothing does: sizes that leave much explain it by noise.
+    """
+    starts = [*starts, *(replace(each, left=[block.beside.rss for block in each.blocks]) for each in starts)]
     numbers = max(len(block.points) * (len(block.owner) + 1) ** 2 for start in starts for block in start.blocks)
     most = max(1, LARGEST // numbers)
     few = [starts[first : first + most] for first in range(0, len(starts), most)]
-    return np.concatenate([_Raised(own).bounds() for own in few])
+    own, none = np.split(np.concatenate([_Raised(each).bounds() for each in few]), 2)
+    return np.asarray(np.maximum(own, none))
 
 
 class _Raised:
