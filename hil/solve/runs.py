@@ -155,8 +155,10 @@ def solve_campaign(campaign: Campaign, model_name: str | None = None, sensor: in
         own = [_described(number, each, among, wrong.collects, beside) for each in solved]
         runs, layout = set(used[number].conditions.run.tolist()), used[number].conditions.sensor
         noise, _ = noise_left([each.left_over for each in own if not runs.isdisjoint(each.runs)], len(layout.channels))
-        for each in own:  # by how well its collects tell it, too, of this noise where they state none
-            errors = {name: (of.se, of.unit) for name, of in each.by_noise(noise).items()}
+        smaller = min(float(beside.differ.times.max()), 1.0)
+        for each in own:  # by how well its collects tell it, too, of this noise where they state none, or far too much
+            told = each.by_noise(noise)
+            errors = {name: (None if of.se is None else smaller * of.se, of.unit) for name, of in told.items()}
             judged = measured_well_enough(errors, layout, campaign.largest_se)
             found.append(replace(each, beside=(*each.beside, judged)))
     return sorted(found, key=lambda each: (each.runs[0], each.sensor))

@@ -260,12 +260,12 @@ def unsettled(conditions: Conditions) -> dict[int, str]:
             middle, last = np.median(own[here]), own[here[np.argmax(conditions.start_s[here])]]
             settled = middle if np.mean(np.abs(own[here] - middle) < far) > 0.5 else last
             at, of = ("", "the run") if setpoint is None else (f"setpoint {setpoint[here][0]:.4g} °C: ", "its runs")
-            moving = f"went from {own[here].min():z.1f} to {own[here].max():z.1f} °C through {of}"
-            if not several:
-                moving = f"moved by up to {slope[here].max():.2g} °C/min, at {known_mean(own[here]):z.1f} °C in {of}"
-            words = f"{at}the unit's own thermometer {moving}: {NOT_SETTLED}"
             elsewhere = np.fmax(to_come[here], np.abs(own[here] - settled)) > far
             off = here[elsewhere if several else moves]
+            moving = f"went from {own[here].min():z.1f} to {own[here].max():z.1f} °C through {of}"
+            if not several:
+                moving = f"moved by up to {slope[off].max():.2g} °C/min, at {known_mean(own[off]):z.1f} °C in the mean"
+            words = f"{at}the unit's own thermometer {moving}: {NOT_SETTLED}"
             found |= dict.fromkeys(np.unique(conditions.run[off]).tolist(), words)
     return found
 

@@ -210,7 +210,7 @@ def pictures(
                 order = np.argsort(x, kind="stable")
                 axes.plot(x[order], added[order], color=look["color"], linewidth=1.4)
         if not curve:
-            limit = 1.1 * max(abs(r[k]) for r in own for k in ("held_before", "held_after"))
+            limit = 1.1 * max(abs(r[k]) for r in own for k in ("held_before", "held_after")) or 1.0
             axes.set_ylim(-limit, limit)
         if driver == "position":
             upright = len(labels) > _MOST_LEVEL

@@ -62,6 +62,7 @@ def test_a_stated_uncertainty_is_made_of_the_noise_that_shows_whether_errors_are
     """As that of the budget is: by errors that are five times too large each ± had been, and no less."""
     made = repeated(30, 5, order)
     right, small, large = (seen(of_errors(made, times)) for times in (1.0, 0.2, 5.0))
+    assert {each.verdict for each in solve_campaign(of_errors(made, 100.0))} == {Verdict.PASS}, "as well measured"
     for name in ("GSA", "GSB"):  # BA of three collects takes what differs
         assert large.means[0].values[name].sd == pytest.approx(right.means[0].values[name].sd, rel=0.35)
         assert small.means[0].values[name].sd == pytest.approx(right.means[0].values[name].sd, rel=0.35)
