@@ -370,9 +370,8 @@ def _lost(collects: Collects, name: str) -> Iterator[_Found]:
             rows &= ~among
             yield said(lost, among)
     rows &= soaked(collects.conditions)
-    rows &= (
-        to_come_degC(slope_degC_per_min(collects.conditions)) < _RANGE_DEGC
-    )  # what still follows has not lost the air
+    # What still follows has not lost the air.
+    rows &= to_come_degC(slope_degC_per_min(collects.conditions)) < _RANGE_DEGC
 
     def follows(chosen: BoolArray) -> float:
         known = np.ptp(air[chosen]) > _RANGE_DEGC if chosen.any() else False

@@ -43,7 +43,6 @@ class Picture:
     figure: Figure
 
     def _repr_svg_(self) -> str:
-
         return drawn(self.figure).decode()
 
 
