@@ -240,7 +240,6 @@ def replay(folder: Folder) -> Answer:
 
 
 def _plot(out: Path, draw: Callable[[], Figure]) -> None:
-
     check_file(out, *PLOT)
     save_figure(draw(), out)
     results().print(f"plot: {out}")
