@@ -247,11 +247,9 @@ def unsettled(conditions: Conditions) -> dict[int, str]:
     if setpoint is not None and not np.isfinite(setpoint).all():
         setpoint = None
     meant = conditions.run if setpoint is None else _numbered(setpoint, NARROWEST_DEGC)
-    slope, far = slope_degC_per_min(conditions, _through_runs(conditions, own)), 0.5 * WIDEST_DEGC
-    to_come, through = to_come_degC(slope), np.zeros(len(conditions))
-    for rows in conditions.of_each_run.values():
-        known = own[rows][np.isfinite(own[rows])]
-        through[rows] = np.ptp(known) if len(known) else 0.0
+    line, through = _through_runs(conditions, own)
+    slope, far = slope_degC_per_min(conditions, line), 0.5 * WIDEST_DEGC
+    to_come = to_come_degC(slope)
     for place in np.unique(meant):
         here = np.flatnonzero((meant == place) & np.isfinite(own))
         several = here.size and np.ptp(own[here]) > WIDEST_DEGC
@@ -270,25 +268,25 @@ def unsettled(conditions: Conditions) -> dict[int, str]:
     return found
 
 
-def _through_runs(conditions: Conditions, degC: FloatArray) -> FloatArray:
-    """Return how fast a temperature (n,) goes through each run, °C/min, (n,): 0 where its jitter may be all of it.
+def _through_runs(conditions: Conditions, degC: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return how fast a temperature (n,) goes through each run, °C/min, and over how many °C, (n,) each.
 
-    That is what lines leave of all runs, which no one run tells by itself.
+    It goes not at all where jitter may be all of it: that is what lines leave of all runs, which no run tells alone.
     """
-    out, squares, freedom, found = np.zeros(len(conditions)), 0.0, 0, []
+    slopes, through, squares, freedom, lines = *np.zeros((2, len(conditions))), 0.0, 0, []
     for rows in conditions.of_each_run.values():
-        known = rows[np.isfinite(degC[rows])]
-        minutes = (conditions.start_s[known] + 0.5 * conditions.duration_s[known]) / 60.0
-        if len(known) > 2 and np.ptp(minutes) > 0.0:
-            minutes -= minutes.mean()
-            slope = float(minutes @ degC[known] / (minutes @ minutes))
-            squares += float(np.sum((degC[known] - degC[known].mean() - slope * minutes) ** 2))
-            freedom += len(known) - 2
-            found.append((rows, slope, math.sqrt(minutes @ minutes)))
+        if not len(known := rows[np.isfinite(degC[rows])]):
+            continue
+        minutes, off = (conditions.start_s[known] + 0.5 * conditions.duration_s[known]) / 60.0, degC[known]
+        minutes, off = minutes - minutes.mean(), off - off.mean()
+        through[rows], reach = np.ptp(off), float(minutes @ minutes)
+        if len(known) > 2 and reach > 0.0:
+            lines.append((rows, float(minutes @ off) / reach, math.sqrt(reach)))
+            squares, freedom = squares + float(np.sum((off - lines[-1][1] * minutes) ** 2)), freedom + len(known) - 2
     jitter = _SIGMAS * max(math.sqrt(squares / max(freedom, 1)), _DIGIT_DEGC)
-    for rows, slope, size in found:
-        out[rows] = slope * (abs(slope) * size > jitter)
-    return out
+    for rows, slope, reach in lines:
+        slopes[rows] = slope * (abs(slope) * reach > jitter)
+    return slopes, through
 
 
 def _numbered(values: FloatArray, apart_degC: float | None) -> IntArray:

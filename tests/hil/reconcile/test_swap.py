@@ -124,6 +124,8 @@ def test_what_confirms_exchanged_labels_is_no_collect(swap_alone: Reconciliation
     experiment = swap_alone.next_experiment
     assert experiment is not None
     assert ": look at the log of run 6; no further collect" in experiment["why"]
+    (row,) = swap_alone.rows
+    assert "(exchange their rates, or their position, f and w: no accelerometer tells which)" in row["why"]
     assert (experiment["collects"], experiment["power"], experiment["impossible"]) == ([], None, False)
     text = page(swap_alone)
     assert experiment["why"] in text

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hil.campaign import Conditions, Sensor
-from hil.campaign.stand_ins import WIDEST_DEGC
+from hil.campaign.stand_ins import OWN, WIDEST_DEGC
 from hil.solve.temperatures import (
     NOT_SETTLED,
     nearest,
@@ -172,6 +172,10 @@ def test_the_thermometer_tells_how_fast_a_run_goes_on_where_nobody_recorded_it()
     assert list(unsettled(replace(one, columns={**one.columns, **at}))) == [1, 2, 3]
     assert list(unsettled(replace(one, columns={**one.columns, **at, "dTdt_degC_per_min": np.full(12, 0.02)}))) == []
     assert list(unsettled(one)) == [], "nobody meant it to stand"
+    slopes = {"dTdt_degC_per_min": np.repeat([0.3, 7.0, 0.02], 4)}  # of two at one setpoint the second stands still
+    near = np.concatenate([6.0 + 0.4 * np.arange(4), np.full(8, 7.0)])
+    two = replace(one, columns={OWN: near, "setpoint_degC": np.full(12, 20.0), **slopes})
+    assert {run: "up to 0.3 °C/min, at 6.6 °C" in said for run, said in unsettled(two).items()} == {1: True}
     for jitter in ([0.0, 0.2, -0.1, 0.2], [0.0, 0.0, 0.0, 3.0]):
         near = np.repeat([-14.0, 6.0, 26.0], 4) + np.tile(jitter, 3)
         assert list(unsettled(replace(one, columns={"temperature_degC": near, **at}))) == []
