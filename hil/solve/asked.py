@@ -17,6 +17,7 @@ from hil.solve.whitened import Whitened
 DOUBTED = 0.5
 """Probability of nothing being wrong, below which something may be."""
 _HARDLY_ANY = 4.0  # logs: of many runs those are not asked about that the data make no likelier than that less
+_SOME = 0.01  # probability of what says at which temperatures rates may be noisier
 _FIRST = 3  # runs of which it is asked what else is wrong beside what is likeliest of them
 _LEAST_RUNS = 2  # of so few both are all
 _AT_ONCE = 4000  # ways of which it is asked how probable they are: of a life all of them would fill the memory
@@ -24,6 +25,8 @@ _NEXT_TO_NONE = 1e-20  # of what the likeliest has: ways that are less probable 
 _TIMES = np.geomspace(0.05, 500.0, 93)  # that standard errors are too small by
 _RIGHT, _NEARLY = 0.7, 0.15  # probability that they are as stated, within
 _OTHERWISE = 0.7  # and else the usual size of the logarithm of how many times they are not
+Found = list[tuple[tuple[Cause, ...], float]]
+"""What may be wrong, one or two at once, each with its probability."""
 
 
 @dataclass(frozen=True)
@@ -58,11 +61,31 @@ class Asked:
         """Log probability of the rates if nothing is wrong with them."""
         return float(self._evidence(np.array([self.rates.squares]))[0])
 
-    def weighed(self, run: int | None = None) -> tuple[float, list[tuple[tuple[Cause, ...], float]]]:
+    def weighed(self, run: int | None = None) -> tuple[float, Found]:
         """Return how probable it is that nothing is wrong, and causes with their probability, the likeliest first.
 
-        One, or two in two runs, which hide behind each other. Of one `run` alone, if asked for.
+        One, or two in two runs, which hide behind each other; whatever the noise is at one temperature, where something
+        may be wrong. Of one `run` alone, if asked for.
         """
+        nothing, found = self._weighed(run)
+        if nothing > DOUBTED:
+            return nothing, found
+        told, log_weights = [(nothing, found)], [self.as_filed - np.log(nothing)]
+        for log_odds, rates in self.rates.louder({cause.run for causes, p in found if p > _SOME for cause in causes}):
+            asked = Asked(rates, self._own_bias, self._beside)
+            told.append(asked._weighed(run))
+            log_weights.append(log_odds + asked.as_filed - np.log(told[-1][0]))
+        weights = np.exp(log_weights - logsumexp(log_weights)).tolist()
+        every: dict[tuple[object, ...], list[tuple[float, tuple[Cause, ...]]]] = {}
+        for weight, (_, found) in zip(weights, told, strict=True):
+            for causes, p in found:
+                same = tuple((each.what, each.run, each.rows, each.channels) for each in causes)
+                every.setdefault(same, []).append((weight * p, causes))
+        likely = [(max(of, key=lambda each: each[0])[1], sum(p for p, _ in of)) for of in every.values()]
+        nothing = sum(weight * own for weight, (own, _) in zip(weights, told, strict=True))
+        return nothing, sorted(likely, key=lambda each: -each[1])
+
+    def _weighed(self, run: int | None) -> tuple[float, Found]:
         if self.rates.freedom < 1.0:
             return 1.0, []
         singly = [some_of(each, np.isin(each.runs, each.runs if run is None else run)) for each in self._tried()]
@@ -72,7 +95,7 @@ class Asked:
             nothing, found = self._posterior([*ways, *self._another(singly)])
         return nothing, found
 
-    def _posterior(self, ways: Sequence[Ways]) -> tuple[float, list[tuple[tuple[Cause, ...], float]]]:
+    def _posterior(self, ways: Sequence[Ways]) -> tuple[float, Found]:
         weights = np.concatenate([np.zeros(1), *(log_odds for log_odds, *_ in ways)])
         weights += self._evidence(np.concatenate([np.array([self.rates.squares]), *(left for _, left, _ in ways)]))
         weights = np.exp(weights - logsumexp(weights))

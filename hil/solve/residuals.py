@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 from scipy.special import chdtr, chdtrc, fdtrc
 
-from hil.campaign import Collects, FloatArray, IntArray
+from hil.campaign import BoolArray, Collects, FloatArray, IntArray
 from hil.files.numbers import degrees
 from hil.model.forms import default_form
 from hil.solve.identifiability import orthonormal
@@ -108,11 +108,14 @@ class Changes:
             * (times > 1.0 and not self.certain)
             for of, times in ({"all channels together": max(odd.values())} if together else odd).items()
         ]
+        where: dict[str, list[str]] = {}
         for c, channel in enumerate(channels):
             degC, _, times = max(self.uneven, key=lambda each: each[2][c], default=(0.0, (), np.ones(len(channels))))
             if times[c] > 1.0:
                 at = f"{significant(times[c])} times their standard errors at {degrees(degC)}"
-                said.append(f"averages of {channel} differ by more at some temperatures than at others: by {at}")
+                where.setdefault(at, []).append(channel)
+        for at, of in where.items():
+            said.append(f"averages of {listed(of)} differ by more at some temperatures than at others: by {at}")
         return said
 
 
@@ -142,14 +145,22 @@ def changes(rows: Collects, runs: Set[int]) -> Changes:
     certain = bool(np.any(Changes(*found[1].sum(axis=1)).times != 1.0))
     squares, freedom = found[int(_another_changes(*found.sum(axis=(2, 3))))]
     told = squares.sum(axis=0) > _ROUNDING**2 * freedom.sum(axis=0)
+    odd = _uneven(squares, freedom) & told
+    if not odd.any() and told.all() and _uneven(*(of.sum(axis=1, keepdims=True) for of in (squares, freedom)))[0]:
+        odd |= True  # few runs of a temperature tell it of all channels together sooner than of each
+        squares, freedom = (np.tile(of.sum(axis=1, keepdims=True), count) for of in (squares, freedom))
     times = np.sqrt(squares / np.maximum(freedom, 0.5))
-    odd = uneven(times**2, np.where(freedom > 0.5, freedom, 0.0)) & told
     more = np.where(odd & (chdtrc(np.maximum(freedom, 0.5), squares) < RARE / max(len(groups), 1)), times, 1.0)
     by_temperature = [(degC, several, own) for (degC, several), own in zip(groups, more, strict=True)]
     of_all = told & ~odd
     return Changes(
         squares.sum(axis=0) * of_all, freedom.sum(axis=0) * of_all, certain, by_temperature if odd.any() else ()
     )
+
+
+def _uneven(squares: FloatArray, freedom: FloatArray) -> BoolArray:
+    """Tell of which of some columns squares (k, p) of degrees of freedom (k, p) are not alike at all temperatures."""
+    return uneven(squares / np.maximum(freedom, 0.5), np.where(freedom > 0.5, freedom, 0.0))
 
 
 def _differs(white: FloatArray, columns: FloatArray, root: FloatArray) -> FloatArray:

@@ -9,10 +9,10 @@ where hardly any two runs have the same. What else its rates show the others sho
 little more or less; where three runs took a position at the same place in them, whatever the form says of it.
 """
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from copy import copy
 from functools import lru_cache
-from itertools import compress
+from itertools import compress, product
 from typing import Self
 
 import numpy as np
@@ -35,6 +35,8 @@ _CURVE = 3  # order of what parameters follow over temperature at most
 _FEW = 8.0  # runs that others tell of: of so many their scatter is known hardly better than by 2
 _LEAST = 2  # and of fewer not at all
 _LEVEL = 0.7  # of a channel's usual variance in every row's: standard errors leave out what differs by collect
+_LOUDER = 0.2  # probability that one temperature is noisier than rates tell by themselves
+_TIMES = (1.5, 2.2, 3.3, 5.0)  # as noisy as they tell
 _NOISIER = 1.5  # times: so much noisier one channel may seem than another by chance
 _OF_A_CHANNEL = 20.0  # degrees of freedom that tell its noise as well as is known before: that all are alike
 _LAGS = (1, 2)  # between repeats whose difference is taken
@@ -53,12 +55,13 @@ class Whitened:
 
     def __init__(self, collects: Collects, own_bias: Collection[int] = ()) -> None:
         self._lay(collects, own_bias, np.ones(collects.rates_deg_per_hr.shape))
-        if np.any((level := self._level()) > 1.0):  # what is noisier tells less, whatever its errors say
+        if np.any((level := self._noisier()) > 1.0):  # what is noisier tells less, whatever its errors say
             self._lay(collects, own_bias, level)
 
     def _lay(self, collects: Collects, own_bias: Collection[int], level: FloatArray) -> None:
         conditions, rates, se = collects.conditions, collects.rates_deg_per_hr, collects.rates_se_deg_per_hr
-        self.collects, self.known = collects, np.isfinite(rates)
+        self.collects, self._own_bias, self._level = collects, own_bias, level
+        self.known = np.isfinite(rates)
         self.stated = bool(np.all(se[self.known] > 0.0))
         variance = level**2 * (se**2 if self.stated else np.ones(se.shape))
         usual = np.array([np.median(v[k]) if k.any() else 1.0 for v, k in zip(variance.T, self.known.T, strict=True)])
@@ -110,10 +113,26 @@ class Whitened:
         self._left = seen - self._shown @ np.einsum("ncq,nc->q", self._shown, seen)
         self.squares = float(np.sum(seen * self._left))
         shown = {run: flattened(self._shown[rows]) for run, rows in self._runs.items()}
-        taken = sum(np.trace(of) - np.sum(shown[run] * (of @ shown[run])) for run, of in left.items())
-        self.freedom = float(taken) + several - float(np.sum(basis[seen.size :] ** 2))
+        self._freedom_of = {
+            run: float(np.trace(of) - np.sum(shown[run] * (of @ shown[run]))) for run, of in left.items()
+        }
+        self.freedom = sum(self._freedom_of.values()) + several - float(np.sum(basis[seen.size :] ** 2))
 
-    def _level(self) -> FloatArray:
+    def louder(self, runs: Collection[int]) -> Iterator[tuple[float, Self]]:
+        """Yield them as they are if a temperature of some of the runs is noisier than they tell, with its log odds.
+
+        Less by how much less probable rates are that scatter so much more, whatever they are.
+        """
+        told = [own for own in self._at if np.isin(self.collects.conditions.run[own], [*runs]).any()]
+        odds = float(np.log(_LOUDER / len(_TIMES) / len(self._at)))
+        for own, times in product(told if len(self._at) > 1 else (), _TIMES):
+            out = copy(self)
+            out._lay(self.collects, self._own_bias, self._level * np.where(own, times, 1.0)[:, None])
+            there = np.unique(self.collects.conditions.run[own]).tolist()
+            free = [sum(each._freedom_of[run] for run in there) for each in (self, out)]
+            yield odds - 0.5 * sum(free) * float(np.log(times)), out
+
+    def _noisier(self) -> FloatArray:
         """Return how many times noisier than the quietest channel, and than is usual at its temperature, rates are.
 
         That is (n, c), and 1 where few rates tell, or hardly. None is quieter than its standard errors say, where these

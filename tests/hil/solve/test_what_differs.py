@@ -90,9 +90,9 @@ def test_a_folder_whose_errors_are_too_small_is_accused_as_seldom_as_one_whose_e
     assert sum(any(each.verdict is not Verdict.PASS for each in night) for night in nights) <= 1
 
 
-def noisy_in_the_cold(times: float, seed: int) -> Campaign:
+def noisy_in_the_cold(times: float, seed: int, order: tuple[int, ...] = (0, 1, 2, 0, 1, 2)) -> Campaign:
     """Return twelve runs of six collects whose averages scatter by so many times more at the first setpoint."""
-    made = repeated(12, 3, (0, 1, 2, 0, 1, 2), seed)
+    made = repeated(12, 3, order, seed)
     rows = made.sensors[2]
     cold = (rows.conditions.run <= 3)[:, None]
     more = np.random.default_rng(100 + seed).normal(0.0, np.sqrt(times**2 - 1.0), rows.rates_deg_per_hr.shape) * cold
@@ -107,6 +107,20 @@ def test_no_sound_collect_is_left_out_where_all_are_noisier_at_a_temperature(tim
     rates = noisy.sensors[2].rates_deg_per_hr.copy()
     rates[8] += 60.0
     assert (9,) in [wrong.collects for wrong in wrong_rows(with_rates(noisy, rates))[2].rows]
+
+
+def test_of_four_collects_a_run_noise_of_a_temperature_is_weighed_against_rows_that_are_wrong() -> None:
+    """By itself none of three such runs tells its noise: of eight nights seven lost sound collects, and four a run."""
+    nights = [noisy_in_the_cold(3.8, seed, (0, 1, 2, 0)) for seed in range(8)]
+    assert [wrong_rows(each)[2].rows for each in nights] == [()] * 8
+    assert sum(each.verdict is Verdict.FAIL for night in nights for each in solve_campaign(night)) <= 1
+    rates = nights[0].sensors[2].rates_deg_per_hr.copy()
+    rates[5] += 60.0
+    assert [wrong.collects for wrong in wrong_rows(with_rates(nights[0], rates))[2].rows] == [(6,)]
+    quiet = [repeated(12, 3, (0, 1, 2, 0), seed) for seed in range(8)]
+    for each in quiet:  # a rate that is far off in the quiet is no noise of its temperature
+        each.sensors[2].rates_deg_per_hr[5] += 8.0
+    assert [[wrong.collects for wrong in wrong_rows(each)[2].rows] for each in quiet] == [[(6,)]] * 8
 
 
 def test_noise_that_is_larger_at_one_temperature_is_that_of_its_runs_and_said() -> None:
