@@ -22,6 +22,7 @@ POINTS = 48
 """Points of the noise that a block is weighed at: what the data leave probable under any of the leading sets."""
 DEPTH = 9.0
 """Noise this much (in log probability) below the best is left out: one part in eight thousand."""
+_ONE = np.zeros(1, dtype=np.int64)
 
 
 @dataclass(frozen=True)
@@ -98,50 +99,67 @@ class _Rows:
         return [self._climb(v, int(ordinary[k]), alike[f]) for v, (k, f) in enumerate(starts)]
 
     def everywhere(self, v: int, profile: Profile) -> FloatArray:
-        """Return the heights (κ,) of one variant at every noise beside a profile: several climb to the same."""
+        """Return the heights (κ,) of one variant beside a profile, at every noise that is not out of the question.
+
+        That is beside the first of profiles that was asked about: several climb to the same, and to others that differ
+        in little.
+        """
         known = self.known.get(profile, np.zeros((len(self.variants), 0)))
-        if new := range(known.shape[1], len(self.grid)):
-            known = self.known[profile] = np.hstack([known, self.heights(np.array(new), [profile])[:, :, 0]])
+        if known.shape[1] < len(self.grid):
+            first = next(iter(self.known), profile)
+            near = np.ones(len(self.grid), dtype=bool)
+            if first != profile:
+                self.everywhere(v, first)
+                near = np.any([_near(own, self.grid.sort) for own in self.known[first]], axis=0)
+            new = np.full((len(self.variants), len(self.grid)), -np.inf)
+            new[:, : known.shape[1]] = known
+            at = np.flatnonzero(near & (np.arange(len(self.grid)) >= known.shape[1]))
+            new[:, at] = self.heights(at, [profile])[:, :, 0]
+            known = self.known[profile] = new
         return np.asarray(known[v])
 
-    def _only(self, v: int) -> "_Rows":
-        """Return what is about one variant."""
+    def _only(self, v: int, at: int) -> "_Rows":
+        """Return what is about one variant, at one noise."""
         first, own = self.noise.by_station.shape[1] + self.base, len(self.variants[v])
         index = np.append(np.arange(first), first + np.append(self.variants[v], self.data[v]))
-        return replace(self, gram=self.gram[:, index[:, None], index], variants=[np.arange(own)], data=[own])
+        gram, half_log_det = self.gram[at][index[:, None], index][None], self.half_log_det[[at]]
+        grid = self.grid.take(np.array([at]))
+        return replace(
+            self, grid=grid, gram=gram, half_log_det=half_log_det, variants=[np.arange(own)], data=[own], known={}
+        )
 
     def log_width(self, v: int, at: int, profile: Profile, others: Container[Profile]) -> float:
         """Log of how probable beside a profile all are for which it stands: one value goes a way of none of `others`.
 
         Values are weighed one by one: what they do beside each other is all but independent.
         """
-        only, out = self._only(v), 0.0
+        only, out = self._only(v, at), 0.0
         for place in range(len(profile)):
             near = [(*profile[:place], way, *profile[place + 1 :]) for way in FOLLOWS]
             near = [profile, *(own for own in near if own != profile and own not in others)]
-            heights = only.heights(np.array([at]), near).ravel()
+            heights = only.heights(_ONE, near).ravel()
             out += float(log_sum(heights - heights[0]))
         return out
 
     def _climb(self, v: int, at: int, best: Profile) -> tuple[Profile, FloatArray]:
         """Climb by turns to the likeliest way for each value, and to the likeliest noise beside these."""
-        only, height = self._only(v), -np.inf
+        height = -np.inf
         while True:
-            best = only._profile(at, best)
+            best = self._only(v, at)._profile(best)
             beside = self.everywhere(v, best)
             at = int(np.argmax(beside))
             if beside[at] <= height:
                 return best, beside
             height = beside[at]
 
-    def _profile(self, at: int, best: Profile) -> Profile:
-        """Climb to the likeliest way for each value at one noise."""
+    def _profile(self, best: Profile) -> Profile:
+        """Climb to the likeliest way for each value at the only noise."""
         before = None
         while before != best:
             before = best
             for place in range(len(best)):
                 changed = [(*best[:place], way, *best[place + 1 :]) for way in FOLLOWS]
-                best = changed[int(np.argmax(self.heights(np.array([at]), changed)))]
+                best = changed[int(np.argmax(self.heights(_ONE, changed)))]
         return best
 
 
@@ -177,9 +195,7 @@ def likely_points(
     grid = noise.grid
     seen = {best: (v, int(np.argmax(beside))) for v, (best, beside) in reversed([*enumerate(found)])}
     profiles = list(dict.fromkeys(best for best, _ in found))
-    near = np.flatnonzero(
-        np.any([(b > b.max() - 2.0 * DEPTH) | _highest(b, grid.sort) for _, b in found], axis=0) | _quiet(grid)
-    )
+    near = np.flatnonzero(np.any([_near(b, grid.sort) for _, b in found], axis=0) | _quiet(grid))
     if quieter:
         near = np.union1d(near, np.flatnonzero(grid.quieter(int(np.argmax(found[0][1])))))
     heights = rows.heights(near, profiles)
@@ -223,9 +239,15 @@ def _highest(height: FloatArray, sort: IntArray) -> BoolArray:
     return out
 
 
+def _near(height: FloatArray, sort: IntArray) -> BoolArray:
+    """Tell which of points (t,) are not far below the highest, or are that of their sort (t,)."""
+    return np.asarray((height > height.max() - 2.0 * DEPTH) | _highest(height, sort))
+
+
 def _leads(height: FloatArray, sort: IntArray) -> BoolArray:
     """Tell the highest of points (t,), and of each sort (t,) those that are higher than all of ordinary noise."""
-    return np.asarray(_highest(height, sort) & (height >= min(height.max(), height[sort == 0].max())))
+    least = max(min(height.max(), height[sort == 0].max()), height.max() - 2.0 * DEPTH)
+    return np.asarray(_highest(height, sort) & (height >= least))
 
 
 def _quiet(points: Points) -> BoolArray:

@@ -87,6 +87,7 @@ class Noise:
         self._shapes = [own[:many, :many] for own in shapes]
         self._known: dict[int, FloatArray] = {}
         self.profiles: list[Profile] = [(FIXED,) * self.block.values.shape[1]]
+        self._places = {self.profiles[0]: 0}
 
     def _kinds(
         self,
@@ -174,7 +175,7 @@ class Noise:
             known, self._shown = asked, (columns, np.zeros((0, len(asked), len(asked))), np.zeros(0))
         given, gram, half_log_det = self._shown
         new, most = np.arange(len(gram), len(self.grid)), max(1, LARGEST // max(given.size, 1))
-        gram, half_log_det = (np.resize(own, (len(self.grid), *own.shape[1:])) for own in (gram, half_log_det))
+        gram, half_log_det = (np.pad(own, [(0, len(new)), *[(0, 0)] * (own.ndim - 1)]) for own in (gram, half_log_det))
         for at, own in self.filters(self.grid.take(new)):
             half_log_det[new[at]] = own.half_log_det
             for few in np.split(np.arange(len(at)), range(most, len(at), most)):
@@ -246,9 +247,10 @@ class Noise:
 
     def place(self, profile: Profile) -> int:
         """Return the place of a profile, which is kept from now on."""
-        if profile not in self.profiles:
+        if profile not in self._places:
+            self._places[profile] = len(self.profiles)
             self.profiles.append(profile)
-        return self.profiles.index(profile)
+        return self._places[profile]
 
     def log_profile(self, profile: Profile) -> float:
         """Return the log prior of a profile, where values may follow temperature."""
