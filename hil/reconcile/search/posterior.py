@@ -6,7 +6,8 @@ posterior.sets[0]                   # the most probable: terms by sensor, and it
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
+from itertools import product
 
 import numpy as np
 
@@ -163,16 +164,23 @@ def shared_evidence(search: SensorSearch, sets: Sequence[Set], sorts: Sequence[f
     """Log evidence of sets (m,) with what scatters in the sensors, (m, n): each block may have any of it or not."""
     out = np.zeros((len(sets), len(sorts)))
     for block, by_sort in zip(search.blocks, zip(*search.evidence(sets), strict=True), strict=True):
-        has = {kind.name: in_another(kind.effect) for kind in block.noise.kinds}
-        shares = [[_log_share(own, here, has) for own in sorts] for here in block.noise.sorts]
-        out += log_sum(np.array(by_sort).T[:, :, None] + np.array(shares)[:, None])
+        has = tuple((kind.name, in_another(kind.effect)) for kind in block.noise.kinds)
+        shares = _log_shares(tuple(block.noise.sorts), tuple(sorts), has)
+        out += log_sum(np.array(by_sort).T[:, :, None] + shares[:, None])
     return out
 
 
-def _log_share(of: frozenset[str], here: frozenset[str], has: Mapping[str, float]) -> float:
-    """How probable it is (log) that a block has just what is `here` of what its unit may scatter by."""
-    each = [np.log(has[name] if name in here else 1.0 - has[name]) for name in of & has.keys()]
-    return float(sum(each)) if here <= of else -np.inf
+@lru_cache(maxsize=64)
+def _log_shares(
+    here: Sequence[frozenset[str]], of: Sequence[frozenset[str]], has: Sequence[tuple[str, float]]
+) -> FloatArray:
+    """How probable it is (log) that a block has just what is `here` (m,) `of` what its unit scatters by, (m, n)."""
+    share = dict(has)
+    out = np.full((len(here), len(of)), -np.inf)
+    for i, j in product(range(len(here)), range(len(of))):
+        if here[i] <= of[j]:
+            out[i, j] = sum(np.log(share[n] if n in here[i] else 1.0 - share[n]) for n in of[j] & share.keys())
+    return out
 
 
 def weigh(searches: Mapping[int, SensorSearch], *, serve: bool = True) -> Posterior:
