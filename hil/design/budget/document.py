@@ -124,6 +124,7 @@ def _sensor(runs: Sequence[RunScene], asked: Asked, observed: SensorRepeats | No
         else {"runs": list(mean.runs), **{n: plain(v.sd) for n, v in mean.values.items()}},
         "mean_as_solved_of": {} if mean is None else {n: v.runs for n, v in mean.values.items()},
         "left_out": list(chosen.left_out),
+        "why_left_out": dict(chosen.left_out),
         "agrees": budget.agrees,
         "too_large": budget.too_large,
         "runs": [

@@ -8,7 +8,7 @@ solved for after a night, and else typical of such a sensor.
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -42,6 +42,8 @@ _EXACT = 1e-9  # deg/hr: residuals of rates that a model made are rounding
 _LARGEST_NOISE = 1e9
 """deg/hr: an average with more is none."""
 
+_NOT_LYING = "how the sensor lay is not known (name its bench with --bench)"
+_NO_NORTH = "the earth rate that is given (w) tells no north, so that nobody knows how wrong it is"
 _SLOPE = "dTdt_degC_per_min"
 _UNIFORM = 1.0 / np.sqrt(3.0)
 """Standard deviation of what may be anything within ±1."""
@@ -51,8 +53,8 @@ _UNIFORM = 1.0 / np.sqrt(3.0)
 class RunScene:
     """A scene with its run, its sources, the model whose parameters are asked for, and what `base` is.
 
-    `at` is the run's temperature, °C, and whose it is (`hil.solve.temperatures`); `left_out` names the sources that
-    cannot be reckoned with, because it is not known how the sensor lay.
+    `at` is the run's temperature, °C, and whose it is (`hil.solve.temperatures`); `left_out` has the titles of the
+    sources that cannot be reckoned with, each with why.
     """
 
     run: int
@@ -61,7 +63,7 @@ class RunScene:
     form: LinearForm
     base_origin: str
     at: tuple[float | None, str | None]
-    left_out: tuple[str, ...] = ()
+    left_out: Mapping[str, str] = field(default_factory=dict)
 
 
 def planned_scenes(sweep: Sweep, bench: Bench, model: Model | None = None) -> dict[int, list[RunScene]]:
@@ -129,12 +131,21 @@ def _measured_runs(
         given = sources(bench.uncertainties, bench.name, *_slope(conditions), noise_by)
         base, origin = _base(conditions, model) if model is not None else _solved(rows, form)
         axes = _axes(conditions, bench)
-        usable = tuple(each for each in given if axes is not None or not each.needs_axes)
+        north = bool(np.any(local_frame(conditions).north))
+        why_not = {each: _why_not(each, lying=axes is not None, north=north) for each in given}
+        usable = tuple(each for each, why in why_not.items() if not why)
         lying = np.broadcast_to(np.eye(3), (len(conditions), 3, 3)) if axes is None else axes
         sigma = np.where(np.isnan(rows.rates_deg_per_hr), np.nan, sigma)
         scene = Scene(conditions, lying, base, sigma, noisy)
-        left_out = tuple(each.title for each in given if each not in usable)
+        left_out = {each.title: why for each, why in why_not.items() if why}
         yield RunScene(run, scene, usable, form, origin, _at(measured.conditions, here), left_out)
+
+
+def _why_not(source: Source, *, lying: bool, north: bool) -> str:
+    """Say why a source cannot be reckoned with, by whether it is known how the sensor lay, and where north was."""
+    if source.needs_north and not north:
+        return _NO_NORTH
+    return _NOT_LYING if source.needs_axes and not lying else ""
 
 
 def _at(conditions: Conditions, here: IntArray) -> tuple[float | None, str | None]:

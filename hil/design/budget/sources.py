@@ -93,6 +93,7 @@ class Source(ABC):
     per_unit: ClassVar[float] = 1.0  # what `columns` and `changes` reckon in, per `unit`
     is_ramp: ClassVar[bool] = False  # grows in proportion to the time between collects
     needs_axes: ClassVar[bool] = False  # acts in the bench frame, so that it must be known how the sensor lay
+    needs_north: ClassVar[bool] = False  # an error of the earth rate, of which something must have been given
 
     def __init__(self, size: float, origin: str) -> None:
         self.size, self.origin = size, origin
@@ -181,6 +182,7 @@ class Heading(_Turn):
     """North lies otherwise than is assumed: the earth rate turns about the vertical."""
 
     id, title, varies, turns_gravity = "heading", "earth rate, by the heading", "bench", False
+    needs_north = True
 
     def about(self, scene: Scene) -> FloatArray:
         return unit_vectors(scene.gravity)[None]
@@ -201,7 +203,8 @@ class Latitude(Heading):
 class EarthRate(Source):
     """The earth rate is otherwise wrong, in each component alike: a rounded table, a base that creeps."""
 
-    id, title, unit, varies, needs_axes = "earth_rate", "earth rate, each component", "deg/hr", "bench", True
+    id, title, unit, varies = "earth_rate", "earth rate, each component", "deg/hr", "bench"
+    needs_axes = needs_north = True
 
     def columns(self, scene: Scene) -> FloatArray:
         each = _constant(scene, np.eye(3))
