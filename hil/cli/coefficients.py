@@ -21,6 +21,8 @@ from hil.files.units import DIFFERENCE, FREQUENCY, RATE, TIME, Kind, to_number
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from hil.design.sequence.unit_scatter import UnitScatter
+
 
 def quantity(option: str, text: str, kind: Kind) -> float:
     """Return what an option says, in the unit of its kind; raise `InputError` where it is none."""
@@ -232,6 +234,7 @@ def design(
         check_new(out)
     time_s = None if within is None else quantity("--within", within, TIME)
     showing = scatter_of_unit or ()
+    shown = {n: of for text in showing if Path(text).is_dir() for n, of in _scatter_of(text).items()}
     asked = Goal(
         dict(parse_target(text) for text in goal or ()),
         drift_immune,
@@ -241,7 +244,8 @@ def design(
         tuple(sensor or ()),
         repeats,
         dict(parse_target(text) for text in showing if not Path(text).is_dir()),
-        {n: sizes for text in showing if Path(text).is_dir() for n, sizes in _scatter_of(text).items()},
+        {n: of.sizes for n, of in shown.items()},
+        {n: of.lasting for n, of in shown.items()},
     )
     proposal = propose(base, its_bench, asked)
     document = design_document(proposal, asked, base, its_bench)
@@ -250,16 +254,14 @@ def design(
     return Answer(document, told(document, out=out))
 
 
-def _scatter_of(folder: str) -> dict[int, dict[str, float]]:
-    """Return what each sensor's repeats in a night or campaign show beyond standard errors, by parameter."""
-    from hil.solve import repeats, solve_campaign
+def _scatter_of(folder: str) -> dict[int, UnitScatter]:
+    """Return how each sensor of a night or campaign scatters, by its repeats; raise `InputError` where it has none."""
+    from hil.design.sequence.unit_scatter import scatter_of_unit
 
-    campaign = read_source(Path(folder))
-    shown = repeats(campaign, solve_campaign(campaign))
-    told = {n: of for n, of in shown.items() if of.repeated}
+    told = scatter_of_unit(read_source(Path(folder)))
     if not told:
         raise InputError(f"--scatter {folder}: nothing was repeated there, so it does not tell what runs differ by")
-    return {n: dict(zip(of.names, of.spread.beyond.tolist(), strict=True)) for n, of in told.items()}
+    return told
 
 
 def scatter(source: Source) -> Answer:

@@ -31,6 +31,7 @@ def design_document(proposal: Proposal, goal: Goal, sweep: Sweep, bench: Bench) 
             "repeats": goal.repeats or sweep.self_calibrations_per_temperature,
             "scatter": dict(goal.scatter),
             "scatter_of": {str(number): dict(of) for number, of in goal.scatter_of.items()},
+            "lasting_of": {str(number): list(of) for number, of in goal.lasting_of.items()},
         },
         "met": not proposal.missing,
         "missing": list(proposal.missing),

@@ -7,7 +7,8 @@
 
 Every candidate is weighed with the whole error budget of the bench, not with noise alone: longer collects average
 noise and let a drift grow, repeats average what varies from run to run and nothing else. Of those that meet the goal
-the shortest night wins, then the most certain one. The soak is the base sweep's; it takes most of the time.
+the shortest night wins, then the most certain one; where none does, of those that come as near as any. The soak is the
+base sweep's; it takes most of the time.
 """
 
 import re
@@ -33,6 +34,8 @@ DURATIONS_S = (60.0, 120.0, 180.0, 300.0, 600.0)
 LONGEST_S = LONGEST_DAYS * 86400.0
 MOST_REPEATS = 8
 """So many are tried where none is enough, for what the bench is uncertain by is not averaged."""
+_AS_NEAR = 1.05
+"""An uncertainty that misses the goal and is no more than so many times the nearest: no longer night is worth less."""
 _UNIFORM = 1.0 / np.sqrt(3.0)
 _FEWEST = 3
 _LEAST_TARGET = 1e-6  # deg/hr: nothing that turns with the earth is known so well
@@ -45,7 +48,8 @@ class Goal:
     "B", "GS" and "MU" stand for all that begin so. `drift_immune` asks it of the parameters in `targets` (of all
     where there are none). `residuals` are degrees of freedom left in one self-calibration; `tells_even_terms` asks that
     MU be told from terms in the square of the acceleration. `time_s` is the whole night's; `sensors` () means all.
-    `scatter` is how every sensor's parameters change from run to run, `scatter_of` what repeats showed of each.
+    `scatter` is how every sensor's parameters change from run to run, `scatter_of` what repeats showed of each, and
+    `lasting_of` the parameters of which repeats showed what repeats do not average.
     """
 
     targets: Mapping[str, float]
@@ -57,6 +61,7 @@ class Goal:
     repeats: int | None = None
     scatter: Mapping[str, float] = field(default_factory=dict)
     scatter_of: Mapping[int, Mapping[str, float]] = field(default_factory=dict)
+    lasting_of: Mapping[int, Sequence[str]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -139,7 +144,8 @@ def propose(sweep: Sweep, bench: Bench, goal: Goal) -> Proposal:
     found = [each for each in weighed if each[1].time_s <= weigher.longest_s]
     if not found:
         raise _too_little_time(sweep, goal, min(each.time_s for each in every))
-    missing, best = min(found, key=lambda each: _rank(each[0], each[1], targets))
+    nearest = min(found, key=lambda each: _rank(each[0], each[1], targets))[1]
+    missing, best = min(found, key=lambda each: _rank(_lacks(each[1], goal, targets, nearest), each[1], targets))
     meeting = [each for each in weighed if missing and not each[0] and each[1].time_s <= LONGEST_S]
     longer = min(meeting, key=lambda each: _rank(each[0], each[1], targets), default=(None, None))[1]
     variants = [kind for positions in _variants(sweep, bench) if (kind := weigher.kind(positions)) is not None]
@@ -161,7 +167,7 @@ class _Kind:
     """A sequence with its worth for each sensor, and the variances of its parameters, (p,) by sensor and part.
 
     The parts follow the duration of the collects: `noise` falls with it, `ramp` grows with the square of the time
-    between them, `run` does not change, and `bench` is not averaged by repeats either.
+    between them, `run` does not change, and `bench`, with what of the unit lasts, is not averaged by repeats either.
     """
 
     positions: tuple[str, ...]
@@ -207,9 +213,11 @@ class _Weigher:
         for each in self._sources:
             part = each.id if each.id == "noise" else "ramp" if each.is_ramp else each.varies
             parts[part] += analytic_share(each, scene, to_parameters) ** 2
-        of_sensor = self._goal.scatter_of.get(scene.conditions.sensor.number, {})
-        own = spelled_out({**of_sensor, **self._goal.scatter}, form.names)
-        parts["run"] += np.array([own.get(name, 0.0) ** 2 for name in form.names])
+        number, stated = scene.conditions.sensor.number, spelled_out(self._goal.scatter, form.names)
+        own = spelled_out({**self._goal.scatter_of.get(number, {}), **stated}, form.names)
+        lasting = set(self._goal.lasting_of.get(number, ())) - stated.keys()
+        for part, names in (("bench", lasting), ("run", own.keys() - lasting)):
+            parts[part] += np.array([own.get(name, 0.0) ** 2 * (name in names) for name in form.names])
         return parts
 
     def counts(self, kind: _Kind, duration_s: float, targets: Mapping[str, float]) -> list[int]:
@@ -287,13 +295,19 @@ def spelled_out(sizes: Mapping[str, float], known: Iterable[str]) -> dict[str, f
     return found
 
 
-def _lacks(candidate: Candidate, goal: Goal, targets: Mapping[str, float]) -> list[tuple[str, float]]:
-    """Return what a candidate lacks in words, each with how grave it is (1: twice the asked uncertainty)."""
+def _lacks(
+    candidate: Candidate, goal: Goal, targets: Mapping[str, float], nearest: Candidate | None = None
+) -> list[tuple[str, float]]:
+    """Return what a candidate lacks in words, each with how grave it is (1: twice the asked uncertainty).
+
+    Of what misses a target where it comes `nearest`, if that is given, it lacks none that is hardly more uncertain.
+    """
     found: list[tuple[str, float]] = []
     for number, total in candidate.total.items():
         worth = candidate.worth[number]
         for name, asked in targets.items():
-            if name in total and total[name] > asked:
+            reached = 0.0 if nearest is None else nearest.total[number].get(name, 0.0)
+            if name in total and total[name] > (asked if reached <= asked else _AS_NEAR * reached):
                 text = f"sensor {number}: {name} ± {total[name]:.3g} instead of {asked:.3g}"
                 found.append((text, total[name] / asked - 1.0))
         if goal.drift_immune and not worth.immune([name for name in targets if name in worth.drift] or None):

@@ -21,6 +21,7 @@ from hil.design.budget.sources import sources
 from hil.design.sequence.proposal import design_document, sweep_text
 from hil.design.sequence.search import LONGEST_S, Goal, Proposal, _Weigher, parse_target, propose
 from hil.design.sequence.sequences import Worth, scene_of, seen_terms, sequence_worth, sequences
+from hil.design.sequence.unit_scatter import scatter_of_unit
 from hil.errors import InputError
 from hil.model import load_model
 from hil.model.earth import Site
@@ -252,6 +253,25 @@ def test_each_sensor_has_the_scatter_that_its_own_repeats_showed(sweep: Any) -> 
     quiet, own = mua(), mua(scatter_of={1: {"MUA": 0.0}, 2: {"MUA": 9.0}})
     assert own == [quiet[0], pytest.approx(np.hypot(quiet[1], 9.0 / np.sqrt(3.0)))]
     assert mua(scatter={"MU": 1.0}, scatter_of={2: {"MUA": 9.0}}) == mua(scatter={"MU": 1.0})
+
+
+@pytest.mark.parametrize("per_hr", [3.0, 0.0])
+def test_more_time_does_not_help_where_the_unit_ages(sweep: Any, per_hr: float) -> None:
+    """Repeats that follow time are not independent: 528 h were proposed to average what grows in them."""
+    one = campaign(15, 3, seed=34, scatter=0.5)
+    rows = one.sensors[2]
+    aged = rows.rates_deg_per_hr + per_hr * rows.conditions.start_s[:, None] / 3600.0
+    own = scatter_of_unit(replace(one, sensors={2: replace(rows, rates_deg_per_hr=aged)}))[2]
+    assert own.lasting == (("BA", "BB") if per_hr else ())
+    goal = Goal({"B": 0.5}, sensors=(2,), scatter_of={2: own.sizes}, lasting_of={2: own.lasting})
+    found = propose(sweep, load_bench("simulated"), goal)
+    assert found.with_more_time is None
+    if per_hr:
+        assert found.missing
+        assert found.best.repeats == sweep.self_calibrations_per_temperature
+        assert found.best.duration_s == 60.0
+    else:
+        assert not found.missing
 
 
 @pytest.mark.slow
