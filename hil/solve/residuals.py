@@ -123,14 +123,15 @@ def changes(rows: Collects, runs: Set[int]) -> Changes:
     """Return what differs from run to run.
 
     Among `runs` of the same collects at one known temperature, less what a bias or MU of each makes: where nobody knows
-    it GS may follow it. Where that exceeds, beyond chance in all channels together, what no parameter of a run makes,
-    another than these changes, and what none makes is what differs.
+    it GS may follow it. Where GS differs, beyond chance in all channels together, by more than what no parameter of a
+    run makes does, or, where a run leaves nothing of that, than the bias or MU, in which noise is, too, it changes, and
+    what none makes is what differs.
     """
     conditions, form = rows.conditions, default_form(rows.conditions)
     seen, known = rows.rates_deg_per_hr - conditions.w_channels_deg_per_hr, np.isfinite(rows.rates_deg_per_hr)
     root = np.where(known, 1.0 / np.where(known, rows.rates_se_deg_per_hr, 1.0), 0.0)
     columns, white = form.columns(conditions) * root[..., None], np.where(known, seen, 0.0) * root
-    usual = np.array([name.startswith(("B", "MU")) for name in form.names])
+    bias, mu = (np.array([name.startswith(kind) for name in form.names]) for kind in ("B", "MU"))
     groups = [(degC, several) for degC, several in runs_by_temperature(conditions) if degC is not None]
     count, of_each = known.shape[1], conditions.of_each_run
     alike: dict[tuple[int, bytes, bytes], list[IntArray]] = {}
@@ -138,12 +139,15 @@ def changes(rows: Collects, runs: Set[int]) -> Changes:
         for rows_of in (of_each[run] for run in several if run in runs):
             what = conditions.position[rows_of].tobytes(), known[rows_of].tobytes()
             alike.setdefault((k, *what), []).append(rows_of)
-    found = np.zeros((2, 2, len(groups), count))  # beside the usual, and beside all
+    found = np.zeros((4, 2, len(groups), count))  # beside these of a run's own
     for (k, *_), each in alike.items():
-        for beside, of_run in zip(found, (usual, usual | True), strict=True):
+        for beside, of_run in zip(found, (bias, mu, bias | mu, bias | True), strict=True):
             beside[:, k] += _differs(white[each], columns[np.array(each)][..., of_run], root[each])
-    certain = bool(np.any(Changes(*found[1].sum(axis=1)).times != 1.0))
-    squares, freedom = found[int(_another_changes(*found.sum(axis=(2, 3))))]
+    certain = bool(np.any(Changes(*found[-1].sum(axis=1)).times != 1.0))
+    of_bias, of_mu, usual, every = found.sum(axis=(2, 3))
+    noises = (every,) if every[1] > 0.5 else (of_bias - usual, of_mu - usual)
+    another = any(_exceeds(usual - every, noise, len(noises)) for noise in noises)
+    squares, freedom = found[2 + another]
     told = squares.sum(axis=0) > _ROUNDING**2 * freedom.sum(axis=0)
     odd = _uneven(squares, freedom) & told
     if not odd.any() and told.all() and _uneven(*(of.sum(axis=1, keepdims=True) for of in (squares, freedom)))[0]:
@@ -171,7 +175,8 @@ def _differs(white: FloatArray, columns: FloatArray, root: FloatArray) -> FloatA
     once: errors that are not alike would else leave of a run's own parameters what is none of them.
     """
     runs, *shape = white.shape
-    own, scale = columns.reshape(runs, -1, columns.shape[-1]), root.reshape(runs, -1)
+    scale = root.reshape(runs, -1)
+    own = columns.reshape(*scale.shape, columns.shape[-1])
     beside = np.stack([np.eye(scale.shape[1]) - basis @ basis.T for basis in map(orthonormal, own)])
     common = beside * scale[:, None]  # what a rate that is the same in all runs leaves of itself
     values, vectors = np.linalg.eigh(np.einsum("rij,rik->jk", common, common))
@@ -184,12 +189,12 @@ def _differs(white: FloatArray, columns: FloatArray, root: FloatArray) -> FloatA
     return np.asarray(told.reshape(2, runs, *shape).sum(axis=(1, 2)))
 
 
-def _another_changes(usual: FloatArray, every: FloatArray) -> bool:
-    """Tell whether what is beside the usual parameters exceeds what is beside every one, squares and degrees each."""
-    (more, among), (noise, known) = usual - every, every
-    if min(among, known) < 0.5:
+def _exceeds(more: FloatArray, noise: FloatArray, among: int) -> bool:
+    """Tell whether mean squares exceed others, by squares and degrees of freedom of each, (2,), as one of so many."""
+    (squares, freedom), (others, known) = more, noise
+    if min(freedom, known) < 0.5:
         return False
-    return bool(fdtrc(among, known, more / among / max(noise / known, 1e-300)) < RARE)
+    return bool(fdtrc(freedom, known, squares / freedom / max(others / known, 1e-300)) < RARE / among)
 
 
 def beyond_errors(names: Sequence[str], of_channels: tuple[FloatArray, FloatArray], among: int) -> str:

@@ -114,6 +114,24 @@ def runs_by_visit(conditions: Conditions) -> tuple[tuple[float | None, tuple[int
     return every if any(len(runs) > 1 for _, runs in every) else runs_by_temperature(conditions)
 
 
+def runs_made_alike(conditions: Conditions) -> tuple[tuple[float | None, tuple[int, ...]], ...]:
+    """Group the runs of one visit that took their collects in one order: by that a drift in each moves its values.
+
+    Where no two are so, those of a visit are a group, as in `runs_by_visit`.
+    """
+    every = runs_by_visit(conditions)
+    order = {
+        run: tuple(conditions.position[rows[np.argsort(conditions.start_s[rows])]].tolist())
+        for run, rows in conditions.of_each_run.items()
+    }
+    alike = tuple(
+        (degC, tuple(run for run in runs if order[run] == own))
+        for degC, runs in every
+        for own in dict.fromkeys(order[run] for run in runs)
+    )
+    return alike if any(len(runs) > 1 for _, runs in alike) else every
+
+
 def how_many(conditions: Conditions) -> str:
     """Say how many self-calibrations were made, and at how many known temperatures."""
     made = runs_by_temperature(conditions)

@@ -32,10 +32,10 @@ from hil.solve.beside_terms import beside, scatter_of_runs
 from hil.solve.changes import CHANGES, Change
 from hil.solve.omissions import in_words, what_is_wrong
 from hil.solve.repeats import OF_MEANS, SensorRepeats
-from hil.solve.temperatures import runs_by_visit
+from hil.solve.temperatures import runs_made_alike
 from hil.solve.wrong_rows import treated
 from procedures.plan import make_plan
-from procedures.words import unit_in_words
+from procedures.words import listed, unit_in_words
 
 _CLEAN = 0.1
 """A leak that falls below this fraction of what it was is counted as gone."""
@@ -185,7 +185,7 @@ def campaign_document(
         campaign = beside(campaign, model)
         told = {"taken_off": model.full_title, **told} if model.terms else told
         told = {"noise_of": model.full_title, **told} if model.noise else told
-    shown = repeats(campaign, solve_campaign(campaign), runs_by_visit)
+    shown = repeats(campaign, solve_campaign(campaign), runs_made_alike)
     assumed = {number for number, each in shown.items() if not each.stated and np.isnan(each.left_deg_per_hr).all()}
     if assumed:
         usual = NoiseLevel().collect_deg_per_hr  # repeats show what is beyond
@@ -196,7 +196,7 @@ def campaign_document(
             for n, rows in campaign.sensors.items()
         }
         campaign = replace(campaign, sensors=typical)
-        shown = repeats(campaign, solve_campaign(campaign), runs_by_visit)
+        shown = repeats(campaign, solve_campaign(campaign), runs_made_alike)
     used = with_stand_ins(usable(treated(campaign))).sensors
     conditions = {number: rows.conditions for number, rows in used.items()}
     sigmas = {  # as large as residuals and repeats show them to be
@@ -230,7 +230,7 @@ def _seen(shown: SensorRepeats, *, assumed: bool) -> NoiseLevel:
     """Return what repeats, or else the model, scatter by beyond white noise, and means of runs not: see `_level`."""
     every = zip(shown.names, shown.by_noise.beyond.tolist(), shown.spread.degrees, strict=True)
     level = _level({name: beyond for name, beyond, degrees in every if degrees or not shown.repeated})
-    some = level.run_bias_deg_per_hr > 0.0 or level.run_mu_deg_per_hr_per_g > 0.0
+    some = level.run_bias_deg_per_hr > 0.0 or bool(_of_g(level))
     if shown.repeated:
         whose = "its repeats" + ", within chance" * (some and not np.any(shown.by_noise.certain))
     elif shown.of_means:
@@ -247,14 +247,21 @@ def _of_model(level: NoiseLevel) -> NoiseLevel:
     if level.run_bias_deg_per_hr > 0.0:
         return replace(level, source="the model")
     usual = NoiseLevel().run_bias_deg_per_hr
-    return replace(level, run_bias_deg_per_hr=usual, source="MU by the model, the bias assumed")
+    told = listed(_of_g(level) or ["MU"])
+    return replace(level, run_bias_deg_per_hr=usual, source=f"{told} by the model, the bias assumed")
+
+
+def _of_g(level: NoiseLevel) -> list[str]:
+    """Return which of a rotor's sensitivities scatter from run to run."""
+    sizes = {"GS": level.run_gs_deg_per_hr_per_g, "MU": level.run_mu_deg_per_hr_per_g}
+    return [name for name, size in sizes.items() if size > 0.0]
 
 
 def _level(beyond: Mapping[str, float]) -> NoiseLevel:
-    """Return a noise level by what parameters scatter by from run to run: bias and, of a rotor, MU, rms of both."""
-    bias, mu = ([more**2 for name, more in beyond.items() if name.startswith(kind)] for kind in ("B", "MU"))
-    size = [float(np.sqrt(np.mean(each))) if each else 0.0 for each in (bias, mu)]
-    return NoiseLevel(run_bias_deg_per_hr=size[0], run_mu_deg_per_hr_per_g=size[1])
+    """Return a noise level by what parameters scatter by from run to run, rms: bias and, of a rotor, MU and GS."""
+    of_each = ([more**2 for name, more in beyond.items() if name.startswith(kind)] for kind in ("B", "MU", "GS"))
+    bias, mu, gs = (float(np.sqrt(np.mean(each))) if each else 0.0 for each in of_each)
+    return NoiseLevel(run_bias_deg_per_hr=bias, run_mu_deg_per_hr_per_g=mu, run_gs_deg_per_hr_per_g=gs)
 
 
 def improvements(
@@ -362,6 +369,7 @@ def visibility_text(document: Mapping[str, Any]) -> str:
             each for each in document["changes"] if any(each[key] for key in helps) or each["size_ratio"] < _WORTH
         ],
         worth=_WORTH,
+        listed=listed,
         unit_in_words=unit_in_words,
         shape_in_words=shape_in_words,
     ).rstrip("\n")

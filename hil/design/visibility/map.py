@@ -23,7 +23,7 @@ from hil.model.effects.catalogue import askable, named, of_its_history
 from hil.model.effects.columns import flattened
 from hil.model.effects.prior import UNSEEN, log_in_one, name_odds, shapes_tried
 from hil.model.equation import pickoff_rates
-from hil.model.forms import default_form, mu_columns, named_form
+from hil.model.forms import default_form, gs_columns, mu_columns, named_form
 from hil.solve.identifiability import (
     CANNOT_BE_SEEN,
     Visible,
@@ -42,7 +42,7 @@ _TYPICAL_ROTOR = {"bias": (15.0, -10.0), "GS": (60.0, -25.0), "MU": (5.0, 5.0), 
 
 @dataclass(frozen=True)
 class NoiseLevel:
-    """What averages scatter by: within a run (white, per collect), and from run to run (bias, and a rotor's MU).
+    """What averages scatter by: within a run (white, per collect), and from run to run (bias, and a rotor's GS and MU).
 
     The defaults are the report's quiet cells and its pooled run-to-run scatter. `source` says whose it is: "assumed",
     "its repeats", or theirs beyond an assumed noise of collects: what changes from run to run decides. What repeats
@@ -53,6 +53,7 @@ class NoiseLevel:
     collect_deg_per_hr: float = 0.93
     run_bias_deg_per_hr: float = 1.8
     run_mu_deg_per_hr_per_g: float = 0.0
+    run_gs_deg_per_hr_per_g: float = 0.0
     source: str = "assumed"
     channels_deg_per_hr: Mapping[str, float] = field(default_factory=dict)
 
@@ -129,8 +130,8 @@ def visibility(
     asked, reasons = askable(conditions, base)
     if sigma is None:
         sigma = np.full((len(conditions), len(conditions.sensor.channels)), noise.collect_deg_per_hr)
-    mu = noise.run_mu_deg_per_hr_per_g if conditions.sensor.is_rotor else 0.0
-    scattering = [(mu_columns(conditions), mu)] if mu > 0.0 else []
+    of_rotor = ((mu_columns, noise.run_mu_deg_per_hr_per_g), (gs_columns, noise.run_gs_deg_per_hr_per_g))
+    scattering = [(of(conditions), size) for of, size in of_rotor if size > 0.0 and conditions.sensor.is_rotor]
     whiten = whitener(conditions, sigma, np.full(sigma.shape[1], noise.run_bias_deg_per_hr), scattering)
     told = fitted.without(as_zero)
     full = default_form(conditions)  # what is as zero may be anything in each run

@@ -12,6 +12,7 @@ from hil.campaign import Campaign, Collects
 from hil.design.visibility.document import campaign_document
 from hil.design.visibility.map import NoiseLevel
 from hil.model import Model, built_in_model
+from hil.model.forms import gs_columns
 from tests.hil.model.effect_conditions import campaign, of_each_position
 from tests.hil.solve.runs_of_a_unit import campaign as runs_at_their_temperatures
 from tests.hil.solve.runs_of_a_unit import up_and_down, with_rates
@@ -80,6 +81,29 @@ def test_what_a_second_visit_to_a_temperature_differs_by_is_no_noise() -> None:
         found: Any = campaign_document(measured, changes=())
         levels.append(found["sensors"]["2"]["noise"]["run_bias_deg_per_hr"])
     assert levels[1] == pytest.approx(levels[0])
+
+
+@pytest.mark.slow
+def test_what_a_drift_makes_of_another_order_of_collects_is_no_noise() -> None:
+    """Every other run backwards, by a drift of which GS has one sign or the other: it is to be found in that."""
+    one = runs_at_their_temperatures(24, 4, seed=5, scatter=1.0)
+    rows = one.sensors[2]
+    forth = np.tile(np.repeat([True, False], 3), 12)
+    at = np.where(forth, [0, 2, 1] * 24, [2, 0, 1] * 24)  # 1-3-2, then 2-3-1
+    start_s = rows.conditions.start_s - 600.0 * (np.arange(72) % 3) + 600.0 * at
+    drifting = replace(
+        rows,
+        conditions=replace(rows.conditions, start_s=start_s),
+        rates_deg_per_hr=rows.rates_deg_per_hr + 2.9 * at[:, None],
+    )
+    noise = campaign_document(replace(one, sensors={2: drifting}), changes=())["noise"]
+    assert noise["run_gs_deg_per_hr_per_g"] < 1.0  # type: ignore[index]
+    every = runs_at_their_temperatures(24, 4, seed=5, scatter=1.0).sensors[2]
+    of_gs = gs_columns(every.conditions) @ np.random.default_rng(1).normal(0.0, 5.0, 2)
+    changing = of_gs * np.random.default_rng(2).normal(0.0, 1.0, 25)[every.conditions.run][:, None]
+    varied = replace(every, rates_deg_per_hr=every.rates_deg_per_hr + changing)
+    noise = campaign_document(replace(one, sensors={2: varied}), changes=())["noise"]
+    assert noise["run_gs_deg_per_hr_per_g"] > 2.0  # type: ignore[index]
 
 
 @pytest.mark.slow

@@ -25,11 +25,11 @@ def of_errors(made: Campaign, times: float = 1.0, more: FloatArray | float = 0.0
     return replace(made, sensors={2: replace(rows, rates_deg_per_hr=rates, rates_se_deg_per_hr=errors)})
 
 
-def another_gsa_in_each_run(made: Campaign, seed: int) -> FloatArray:
-    """Return by what rates (n, c) differ where GSA scatters from run to run by 5 deg/hr/g."""
+def another_gsa_in_each_run(made: Campaign, seed: int, name: str = "GSA") -> FloatArray:
+    """Return by what rates (n, c) differ where GSA (or what is named) scatters from run to run by 5 deg/hr/g."""
     rows = made.sensors[2].conditions
     form, gsa = default_form(rows), np.random.default_rng(seed).normal(0.0, 5.0, rows.run.max() + 1)
-    return form.columns(rows)[..., form.names.index("GSA")] * gsa[rows.run][:, None]
+    return form.columns(rows)[..., form.names.index(name)] * gsa[rows.run][:, None]
 
 
 def seen(made: Campaign) -> SensorRepeats:
@@ -140,10 +140,20 @@ def test_noise_that_is_larger_at_one_temperature_is_that_of_its_runs_and_said() 
 
 
 def test_where_nothing_parts_noise_from_another_parameter_both_are_said() -> None:
-    """Three collects have no rate more than parameters."""
+    """Three collects have no rate more than parameters; and all of these differ."""
     made = campaign(12, 3)
-    (said,) = seen(of_errors(made, more=another_gsa_in_each_run(made, 0))).noise_in_words
+    every = sum(another_gsa_in_each_run(made, seed, name) for seed, name in enumerate(("GSA", "MUA", "MUB")))
+    (said,) = seen(of_errors(made, more=every)).noise_in_words
     assert said.endswith("differ in beside bias and MU, or another value of the unit changes")
+
+
+@pytest.mark.parametrize("bias", [0.0, 3.0])
+def test_noise_of_collects_would_be_in_mu_too(bias: float) -> None:
+    """A drift of its own in each run makes GS of the order 1-3-2: errors were called too small, though MU agrees."""
+    made = campaign(12, 3, scatter=bias)
+    shown = seen(of_errors(made, more=another_gsa_in_each_run(made, 0)))
+    assert not shown.noise_in_words
+    assert "GSA by " in shown.sentences()[0]
 
 
 def test_a_run_that_had_not_settled_makes_no_other_less_sure() -> None:
