@@ -21,7 +21,7 @@ _SHAPES = {
     "tau_hr": "time constant {:g} h",
     "tau_s": "time constant {:g} s",
     "half_width_degC": "half width {:g} °C",
-    "from_degC": "the unit coming from {:g} °C",
+    "from_degC": "the unit coming from {:.3g} °C, which nobody recorded",
     "nominal_V": "nominal {:.4g} V",
     "nominal_us": "nominal {:.5g} µs",
 }

@@ -1,6 +1,7 @@
 """Thermal effects: bias against temperature, its rate, gradients, lag, hysteresis, soak, warm-up, gas."""
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
 import numpy as np
@@ -148,10 +149,20 @@ class Hysteresis(Effect):
     confusable_with = ("T_lag", "bias_T", "ageing", "jump")
     idealises = (
         "It knows the temperatures of collects and no others, so no overshoot between them, and begins relaxed: where "
-        "the unit came from decides on which side of the loop it is, which a search tries as `from_degC`."
+        "the unit came from decides on which side of the loop it is, which a search tries as `from_degC`: a room, and "
+        "as far below the first collect as the half width, for colder does no more. Nobody recorded either."
     )
     kin = MappingProxyType({"soak_insufficient": 1.0, "bias_Tdot": 1.0, "bias_grad": 1.0})
     experiment = "Return to the same temperature from above and from below, each after a full soak."
+
+    def shape_grid(self, conditions: Conditions) -> Sequence[Mapping[str, float]]:
+        """Return every shape, the unit coming from no colder than puts the first collect on the heating branch."""
+        temperature = column(conditions, "temperature_degC")[np.argsort(conditions.start_s, kind="stable")]
+        first = next(iter(temperature[np.isfinite(temperature)].tolist()), 0.0)
+        return [
+            {**shape, "from_degC": max(shape["from_degC"], math.floor(first - shape["half_width_degC"]))}
+            for shape in super().shape_grid(conditions)
+        ]
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
         temperature, width = column(conditions, "temperature_degC"), shape["half_width_degC"]

@@ -13,6 +13,7 @@ from hil.campaign import Conditions, FloatArray
 from hil.model.effects.base import Effect
 from hil.model.effects.catalogue import VARIANCE_EFFECTS, effect_by_id
 from hil.model.effects.columns import flattened
+from hil.model.effects.document import shape_in_words
 from hil.model.effects.history import averaged_decay, joined, loop_side, play, setpoint_step
 from hil.model.forms import named_form
 from hil.solve.identifiability import orthonormal, project_out
@@ -124,6 +125,18 @@ def test_hysteresis_remembers_the_side_it_came_from_at_zero_ramp() -> None:
     history = np.array([0.0, 20.0, 20.0, 60.0, 20.0, 20.0, 25.0])
     side = loop_side(history, np.arange(7.0), 5.0)
     assert np.allclose(side, [0.0, 1.0, 1.0, 1.0, -1.0, -1.0, 0.0])
+
+
+def test_hysteresis_is_searched_from_no_colder_than_the_record_needs() -> None:
+    """It said that a unit came from -80 °C, where nothing was below -25: a half width below the first does as much."""
+    one = one_run()
+    cold = replace(one, columns={**one.columns, "temperature_degC": np.linspace(-25.2, 60.0, len(one))})
+    effect = effect_by_id("hyst")
+    for shape in effect.shape_grid(cold):
+        assert shape["from_degC"] >= -25.2 - shape["half_width_degC"] - 1.0
+        before = {**shape, "from_degC": min(shape["from_degC"], -80.0) if shape["from_degC"] < -25.0 else 20.0}
+        assert np.allclose(effect.columns(cold, None, shape), effect.columns(cold, None, before))
+        assert "which nobody recorded" in shape_in_words(shape)
 
 
 def test_hysteresis_uses_the_order_of_time_not_of_rows() -> None:
