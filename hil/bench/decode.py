@@ -31,8 +31,7 @@ from drivers.frames.fields import FieldDescription
 from drivers.frames.roles import CounterDescription
 from drivers.frames.wire import FloatArray
 from drivers.given_file import opened
-from drivers.strict_yaml import packaged
-from hil.bench.guess import misfit
+from hil.bench.guess import crc_names, misfit
 from hil.errors import InputError
 from hil.files.durable import whole_file
 from hil.files.page import filled
@@ -194,8 +193,7 @@ def _table(decoded: Decoded, schema: pa.Schema, *, for_reading: bool) -> pa.Tabl
 
 def explain_frames(description: StreamDescription) -> str:
     """Return the description in words: the stream, each frame with its fields, what they are for, and what is weak."""
-    names = {tuple(of): name for name, of in packaged("hil.bench", "checksums.yaml")["names"].items()}
-    told = {"names": names, "types": _TYPES, "warnings": list(_warnings(description))}
+    told = {"names": crc_names(), "types": _TYPES, "warnings": list(_warnings(description))}
     return filled("hil.bench", "frames_check.txt.j2", r=description, **told).rstrip("\n") + "\n"
 
 

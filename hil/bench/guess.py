@@ -11,7 +11,7 @@ which checksum stands where; what counts. Nothing of it is certain, and the desc
 import contextlib
 import re
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import cache
 from itertools import product
 from pathlib import Path
@@ -30,6 +30,7 @@ from drivers.frames.description import StreamDescription, load_description
 from drivers.given_file import opened
 from drivers.strict_yaml import packaged
 from hil.errors import InputError
+from hil.files.page import templates
 from hil.files.strict import config_folders
 from procedures.words import counted
 
@@ -153,6 +154,17 @@ def _checks(length: int, tail: int) -> list[tuple[dict[str, Any], FrameChecksum]
 def _tail(rows: Bytes) -> int:
     """Return how many bytes at the end of all frames, bytes of shape (n, length), are the same: a delimiter."""
     return next(tail for tail in range(4) if tail == 3 or np.ptp(rows[:, -1 - tail]))
+
+
+def crc_names() -> dict[tuple[Any, ...], str]:
+    """Return what a CRC is called, by its parameters as the file has them."""
+    return {tuple(of): name for name, of in packaged("hil.bench", "checksums.yaml")["names"].items()}
+
+
+def checksum_in_words(found: Mapping[str, Any] | None) -> str:
+    """Say what checksum was found, as `hil frames check` says it of one that is described; empty where none was."""
+    words: Any = templates("hil.bench").get_template("checksum.txt.j2").make_module({"names": crc_names()})
+    return "" if found is None else str(words.checksum(_CHECKSUM.validate_python(found)))
 
 
 def _checksum(rows: Bytes) -> dict[str, Any] | None:

@@ -277,7 +277,10 @@ def _instants(since: str, c: Conditions, gone_s: FloatArray, ends_s: FloatArray)
             most[k] += np.max(most[:k], where=fits(rows[:k], rows[k]), initial=0)
         return most
 
-    broken = np.flatnonzero(~goes_on(order[:-1], order[1:]))
+    clock = (
+        c.start_s[order[1:]] >= ends_s[order[:-1]]
+    )  # else it is start_s that is wrong, and no instant is known by it
+    broken = np.flatnonzero(clock & ~goes_on(order[:-1], order[1:]))
     before, here = order[broken], order[broken + 1]
     doubted = np.full(len(c), False)
     if len(broken):
@@ -289,7 +292,7 @@ def _instants(since: str, c: Conditions, gone_s: FloatArray, ends_s: FloatArray)
     most[here] = np.where(doubted[here], c.start_s[here] - ends_s[before] + _ROUNDED_S, np.inf)
     belongs_s = np.where(doubted[before], c.start_s[before] - at_s[here], np.nan)
     low[before], high[before] = belongs_s - _ROUNDED_S, belongs_s + _ROUNDED_S
-    yield Law(since, gone_s, -_ROUNDED_S, most, "the collect before it")
+    yield Law(since, gone_s, -np.inf, most, "the collect before it")
     yield Law(since, gone_s, low, high, "the collect after it")
 
 

@@ -1,6 +1,7 @@
 """The `hil` application: its commands, gathered."""
 
 import logging
+import signal
 import sys
 from collections.abc import Mapping, Sequence
 from functools import cache
@@ -96,7 +97,9 @@ def _options(
 def main() -> None:
     """Run the command line; every way out has its exit status."""
     always_writable()
-    sys.exit(run(sys.argv[1:]))
+    status = run(sys.argv[1:])
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # what has ended keeps its status; the interpreter takes a while to go
+    sys.exit(status)
 
 
 def run(arguments: Sequence[str]) -> int:

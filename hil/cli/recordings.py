@@ -53,12 +53,12 @@ def guess(
     out: Annotated[Path | None, Option(help="Write the first description here, to be edited.")] = None,
 ) -> Answer:
     """Look at the bytes of an unknown unit: which descriptions read them, where frames begin, what they carry."""
-    from hil.bench.guess import guess_file
+    from hil.bench.guess import checksum_in_words, guess_file
 
     document = guess_file(capture)
     if out is not None and document["description"] is not None:
         write_result(out, document["description"])
-    return Answer(document, told(document))
+    return Answer(document, told(document, checksum=checksum_in_words(document.get("checksum"))))
 
 
 def frame_parameters(settings: list[str] | None) -> dict[str, Any]:

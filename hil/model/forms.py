@@ -44,7 +44,10 @@ def rotor_names(sensor: Sensor) -> tuple[str, ...]:
     Raises `InputError` for another sensor.
     """
     if not sensor.is_rotor:
-        raise InputError(f"sensor {sensor.number}: it is not a two-channel rotor sensor, so it has no GS and MU")
+        fits = "triad-12" if sensor.is_triad else "constant"
+        raise InputError(
+            f"sensor {sensor.number}: it is not a two-channel rotor sensor, so it has no GS and MU; {fits} fits it"
+        )
     return MATRIX_6
 
 
@@ -133,7 +136,10 @@ def value_form(name: str, sensor: Sensor, reason: str = "") -> LinearForm:
     dependence on temperature is in the curves.
     """
     if name == "triad-12" and not sensor.is_triad:
-        raise InputError(f"sensor {sensor.number}: triad-12 needs one channel about each of the three axes")
+        fits = "matrix-6" if sensor.is_rotor else "constant"
+        raise InputError(
+            f"sensor {sensor.number}: triad-12 needs one channel about each of the three axes; {fits} fits it"
+        )
     if name in ("constant", "triad-12"):
         names = bias_names(sensor) + (sensitivity_names(sensor) if name == "triad-12" else ())
         parts = (bias_columns, sensitivity_columns)[: 1 + (name == "triad-12")]

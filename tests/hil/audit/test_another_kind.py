@@ -26,5 +26,5 @@ def test_a_triads_model_is_no_rotors(command: str, tmp_path: Path, capsys: pytes
     folder = written("one run", tmp_path / "campaign")
     assert run([*(each.format(folder=folder) for each in OF_A_FOLDER[command]), "--model", "triad-12"]) == 2
     told = capsys.readouterr()
-    assert "triad-12 needs one channel about each of the three axes" in told.err
+    assert "triad-12 needs one channel about each of the three axes; matrix-6 fits it" in told.err
     assert told.out == ""

@@ -361,3 +361,11 @@ def test_no_law_speaks_of_a_sound_night(tmp_path: Path, design: dict[str, Any], 
         case = make_case(seed, (hidden,), 1.0, model="matrix-6", design=Design(**design))
         warnings = read_campaign(write_case(case, tmp_path / str(seed))).warnings
         assert [each for each in warnings if "no gyro shows as much" not in each] == []  # some effects have no bound
+
+
+def test_a_clock_that_stands_still_accuses_no_other_column() -> None:
+    """No instant is known by it: of times since an instant it was said that -90 to 75 s belong there."""
+    judged = judged_by_its_records(campaign(start_s=np.full(9, START_S[0])))
+    told = " ".join(judged.warnings)
+    assert "start_s is " in told
+    assert "time_since" not in told

@@ -70,6 +70,8 @@ def test_a_guess_says_one_length_and_one_number_of_frames(hil: Any, reference_da
     """At which distance bytes come again says nothing more once frames are found."""
     told = hil("frames", "guess", reference_data / "captures" / "stim300-125hz.bin").stdout
     assert "length: 40 bytes, in 523 frames in a row" in told
+    assert "checksum: CRC-32/MPEG-2 (polynomial 0x4c11db7, " in told
+    assert "counter: u8 at byte 31, " in told
     assert "repeats every" not in told
 
 

@@ -7,6 +7,7 @@ import socket
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -109,11 +110,14 @@ class Dashboard:
         assert self.process.stdout is not None
         assert self.process.stdout.readline().strip() == self.url
 
-    def end(self) -> int:
-        """End it as Ctrl-C does; return its exit status."""
+    def end(self, again_s: float | None = None) -> int:
+        """End it as Ctrl-C does, pressed again and again where `again_s` says how soon; return its exit status."""
         if self.process is None:
             return 0
         self.process.send_signal(signal.SIGINT)
+        while again_s is not None and self.process.poll() is None:
+            time.sleep(again_s)
+            self.process.send_signal(signal.SIGINT)
         status = self.process.wait(20.0)
         assert self.process.stdout is not None
         self.process.stdout.close()

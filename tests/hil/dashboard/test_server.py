@@ -344,3 +344,5 @@ def test_ctrl_c_ends_a_dashboard_as_it_should_as_soon_as_it_has_said_where_it_is
     dashboard = Dashboard(tmp_path, tmp_path / "token")
     dashboard.begin()
     assert dashboard.end() == 0
+    dashboard.begin()
+    assert dashboard.end(again_s=0.03) >= 0, "pressed again while it ends it takes no exit status away"
