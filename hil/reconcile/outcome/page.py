@@ -121,7 +121,7 @@ def place_in_words(where: Mapping[str, Any]) -> str:
         span = f"at {low:z.0f} °C" if high - low < 1.0 else f"from {low:z.0f} to {high:z.0f} °C"
         parts.append(f"{span} ({WHOSE[where['temperature_of']]})")
     if where.get("of") == "scatter":
-        parts.append(f"what its averages scatter by ({where['effect']})")
+        parts.append(f"what its averages scatter by, rms over all of them ({where['effect']})")
     if "runs" in where:
         parts.append(numbered("run", where["runs"]))
     return ", ".join(parts)

@@ -152,7 +152,7 @@ def test_runs_are_said_in_stretches() -> None:
     said = place_in_words({"sensor": 2, "channel": "RA", "runs": [1, 2, 3, 7]})
     assert said == "sensor 2, channel RA, runs 1–3, 7"
     scatters = place_in_words({"sensor": 2, "channel": "RA", "of": "scatter", "effect": "MU_rr"})
-    assert scatters == "sensor 2, channel RA, what its averages scatter by (MU_rr)"
+    assert scatters == "sensor 2, channel RA, what its averages scatter by, rms over all of them (MU_rr)"
 
 
 @pytest.mark.slow
