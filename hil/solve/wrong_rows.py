@@ -92,6 +92,7 @@ class WrongRows:
     certain that nothing holds: they are solved, and are in no mean. `sees_from`, deg/hr: among so few runs what is off
     by less does not show; None among more. `may_be` are two that explain best what is not certain, and `likeliest` the
     collects without that, too: nothing is solved by them, a search starts there. `other` is what another sensor shows.
+    `off_deg_per_hr` is how far each rate that is left out is from what all others show, by run, collect and channel.
     """
 
     collects: Collects
@@ -103,6 +104,7 @@ class WrongRows:
     may_be: tuple[Wrong, ...]
     likeliest: Collects
     other: OtherSensor | None
+    off_deg_per_hr: Mapping[tuple[int, int, str], float]
 
 
 def wrong_rows(campaign: Campaign) -> dict[int, WrongRows]:
@@ -164,7 +166,15 @@ def _told(together: Together, k: int, known: Sequence[Wrong], failed: Set[int]) 
         may_be.append(Wrong.of(filed, cause, _DONE.get(cause.what, _AS_FILED)[0], cause_in_words(filed, cause)))
         likeliest = mended(likeliest, cause)
     alone, seen_from = beyond_others(collects, {*failed, *(run for each in found for run in each.used)})
-    return WrongRows(collects, tuple(rows), every, alone, lost(found), seen_from, tuple(may_be), likeliest, other)
+    off = {at: by for each in found if each.leaves_out and each.likeliest for at, by in _off(filed, each.likeliest)}
+    return WrongRows(collects, tuple(rows), every, alone, lost(found), seen_from, tuple(may_be), likeliest, other, off)
+
+
+def _off(filed: Collects, cause: Cause) -> Iterator[tuple[tuple[int, int, str], float]]:
+    """Yield how far off the rates of a cause are, deg/hr, by run, collect and channel."""
+    names, (row, *_) = list(filed.conditions.sensor.channels), cause.rows
+    for c in cause.channels or range(len(names)):
+        yield (cause.run, int(filed.conditions.collect[row]), names[c]), cause.off[c]
 
 
 def _said(filed: Collects, found: Explained) -> Iterator[tuple[int, Wrong, Judgement]]:

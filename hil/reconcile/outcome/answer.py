@@ -158,7 +158,7 @@ class Answer:
     @cached_property
     def outliers(self) -> Sequence[dict[str, Any]]:
         """Single rates that are wrong."""
-        return outliers_found(self.fit)
+        return outliers_found(self.fit, self.campaign)
 
     @cached_property
     def rows(self) -> Sequence[dict[str, Any]]:

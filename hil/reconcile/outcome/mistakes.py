@@ -21,7 +21,7 @@ from hil.reconcile.search.terms import Term
 from hil.solve.causes import Cause, all_of
 from hil.solve.explained import LISTED
 from hil.solve.wrong_rows import LEFT_OUT as OMITTED
-from hil.solve.wrong_rows import MENDED, USED, Wrong, as_at, cause_in_words, clipped_rows, in_the_file
+from hil.solve.wrong_rows import MENDED, USED, Wrong, as_at, cause_in_words, clipped_rows, in_the_file, wrong_rows
 from procedures.words import numbered
 
 
@@ -146,13 +146,14 @@ def mistake_places(wrong: Sequence[Term], fit: Fitted, chance: float) -> list[Di
     return sorted(out, key=lambda place: -abs(place.size_deg_per_hr))
 
 
-def outliers_found(fit: Fitted) -> list[dict[str, Any]]:
+def outliers_found(fit: Fitted, campaign: Campaign) -> list[dict[str, Any]]:
     """Return single rows that are wrong, by the campaign's own names, each with its size and score.
 
-    The size is how far the rate is from what all others show: what is usual of mistakes is no part of it.
+    The size is how far the rate is from what all others show: what is usual of mistakes is no part of it. Where `hil
+    solve` leaves the rate out, too, it is the one that is said there.
     Where another row may be the wrong one in its place, `or_collects` has it: of two that differ nobody knows which.
     """
-    out, likely, posterior = [], _probable_rows(fit), fit.posterior
+    out, likely, posterior, quick = [], _probable_rows(fit), fit.posterior, wrong_rows(campaign)
     wrong = {(n, j) for n, places in fit.found.terms.items() for j in places if posterior.term(n, j).name == "row"}
     off = fit.free(wrong)
     for n, places in fit.found.terms.items():
@@ -166,6 +167,8 @@ def outliers_found(fit: Fitted) -> list[dict[str, Any]]:
             for column, (_, error) in fit.of_term(n, j).items():
                 channel = column if single is None else int(single)
                 one = _row(n, conditions, channel, row, off[n, j, column], error)
+                at = one["run"], one["collect"], one["channel"]
+                one["size_deg_per_hr"] = quick[n].off_deg_per_hr.get(at, one["size_deg_per_hr"])
                 out.append(one | ({"or_collects": instead} if instead else {}))
     return out
 

@@ -225,3 +225,19 @@ def test_by_how_much_a_collect_is_off_is_one_number_in_the_words_of_hil_solve() 
     (search,) = reconcile(one, "triad-12", prove=False).rows
     (quick,) = wrong_rows(one)[poses.sensor.number].rows
     assert (search["collects"], search["why"]) == ([*quick.collects], quick.why)
+
+
+@pytest.mark.slow
+def test_beside_values_that_follow_temperature_a_collect_is_off_by_what_hil_solve_says() -> None:
+    """The search, which knows how they do, and what is usual, had another size of the same row, beside what solve says.
+
+    `hil scatter` says it, too.
+    """
+    one = hidden_campaign(4)
+    one.sensors[2].rates_deg_per_hr[10, 0] += 60.0
+    (quick,) = wrong_rows(one)[2].rows
+    result = reconcile(one, "matrix-6-thermal", prove=False)
+    for (search,) in (result.rows, what_scatters(one).document()["rows"]):
+        assert (search["collects"], search["why"]) == ([11], quick.why)
+    (size,) = wrong_rows(one)[2].off_deg_per_hr.values()
+    assert [each["size_deg_per_hr"] for each in result.outliers] == [size]
