@@ -12,7 +12,7 @@ from typer import Argument, Option
 from hil.cli.answer import Answer, told
 from hil.cli.data import Source, read_source
 from hil.cli.exit_status import Exit
-from hil.cli.output import check_result_folder
+from hil.cli.output import check_result_folder, warn
 from hil.errors import InputError
 from hil.files.durable import check_file, check_new
 from hil.files.figure import PLOT, save_figure
@@ -261,6 +261,7 @@ def _scatter_of(folder: str) -> dict[int, UnitScatter]:
     told = scatter_of_unit(read_source(Path(folder)))
     if not told:
         raise InputError(f"--scatter {folder}: nothing was repeated there, so it does not tell what runs differ by")
+    warn([f"--scatter {folder}: sensor {n}: {said}" for n, of in told.items() for said in of.said])
     return told
 
 

@@ -27,6 +27,7 @@ from scipy.special import chdtrc
 
 from hil.campaign import BoolArray, Campaign, Collects, Conditions, FloatArray, IntArray
 from hil.files.numbers import degrees
+from hil.solve.between_runs import BetweenRuns
 from hil.solve.precision import stated_noise, to_record_of
 from hil.solve.residuals import Changes, noise_left, shares_of
 from hil.solve.runs import Estimate, RunSolution
@@ -67,7 +68,8 @@ class SensorRepeats:
     they have, and `noise_told` whether anything but those errors tells what noise there is. `to_record` are columns
     that nobody recorded and that what scatters beyond noise may follow. `of_means`: rows are printed means of runs,
     whose standard errors have what these scattered by. `temperature_degC` is that of every run that has one, by run,
-    whether or not it is in a mean. `of_visits` are parameters that differ between visits to a temperature.
+    whether or not it is in a mean. `of_visits` are parameters that differ between visits to a temperature,
+    `between` is what explains what runs of one differ by.
     """
 
     names: tuple[str, ...]
@@ -90,6 +92,7 @@ class SensorRepeats:
     of_means: bool = False
     temperature_degC: Mapping[int, float] = field(default_factory=dict)
     of_visits: Sequence[str] = ()
+    between: BetweenRuns = field(default_factory=BetweenRuns)
 
     @property
     def times_of(self) -> dict[str, float]:
@@ -159,6 +162,7 @@ class SensorRepeats:
             ],
             "runs_not_used": list(self.not_used),
             "standard_errors": self.noise_in_words,
+            "explained": self.between.in_words,
         }
 
     def sentences(self) -> list[str]:
@@ -192,7 +196,7 @@ class SensorRepeats:
             more = f"as their {errors} say, as far as {freedom} can tell{unknown}"
         said = [f"repeats scatter {more}"] if told or not self.noise_in_words else []
         said += [f"record {MAY_FOLLOW.format(listed(self.to_record))}"] if self.to_record else []
-        return [*said, *self.cautions]
+        return [*said, *self.between.not_judged, *self.cautions]
 
     @property
     def cautions(self) -> list[str]:
@@ -385,6 +389,7 @@ def _of_sensor(
         alike={e.runs[0]: dict(zip(units, of, strict=True)) for e, of in zip(own, alike, strict=True)},
         channels=channels,
         differ=differ,
+        between=own[0].between,
         noise_times=noise_times,
         same_times={c: float(of) for c, of, is_so in zip(channels, residual_times, contradicted, strict=True) if is_so},
         by_noise=by_noise,

@@ -24,6 +24,7 @@ from hil.campaign.warnings import off_gravity, off_in_words
 from hil.errors import InputError
 from hil.files.document import plain
 from hil.model.forms import LinearForm, default_form, named_form
+from hil.solve.between_runs import BetweenRuns, between_runs
 from hil.solve.contractor import METHOD, can_follow, solve_as_contractor
 from hil.solve.identifiability import orthonormal
 from hil.solve.least_squares import Solution, solve
@@ -75,9 +76,9 @@ class RunSolution:
     whether other runs say what this one's collects should show; `settled`: whether its soak had ended. `per_noise`
     (p, c) are the standard errors of rates of which those of one channel have a noise of 1 deg/hr, None where standard
     errors are stated. `differ` is what its sensor's runs differ by that no parameter of a run makes: beside that noise
-    it is `judged` by its residuals, and `beside` that by how it was measured; `form_reason` says why no fuller form was
-    taken. What the campaign has `taken_as_zero` is none
-    of the `parameters`.
+    it is `judged` by its residuals, and `beside` that by how it was measured; `between` is what explains what runs of
+    one temperature differ by; `form_reason` says why no fuller form was taken. What the campaign has `taken_as_zero` is
+    none of the `parameters`.
     """
 
     run: int | None
@@ -102,6 +103,7 @@ class RunSolution:
     settled: bool = True
     per_noise: FloatArray | None = None
     differ: Changes = field(default_factory=lambda: Changes(np.zeros(1), np.zeros(1)))
+    between: BetweenRuns = field(default_factory=BetweenRuns)
 
     def by_noise(self, deg_per_hr: FloatArray) -> Mapping[str, Estimate]:
         """Return the parameters with the standard errors of rates of this noise (c,), NaN: unknown, where none is."""
@@ -156,12 +158,29 @@ def solve_campaign(campaign: Campaign, model_name: str | None = None, sensor: in
         runs, layout = set(used[number].conditions.run.tolist()), used[number].conditions.sensor
         noise, _ = noise_left([each.left_over for each in own if not runs.isdisjoint(each.runs)], len(layout.channels))
         smaller = min(float(beside.differ.times.max()), 1.0)
+        larger = max(float(beside.differ.times.max()), 1.0)
+        between = _between([each for each in own if not runs.isdisjoint(each.runs)], noise, larger, used[number])
+        contradicted = between.judged
         for each in own:  # by how well its collects tell it, too, of this noise where they state none, or far too much
             told = each.by_noise(noise)
             errors = {name: (None if of.se is None else smaller * of.se, of.unit) for name, of in told.items()}
             judged = measured_well_enough(errors, layout, campaign.largest_se)
-            found.append(replace(each, beside=(*each.beside, judged)))
+            apart = [contradicted[run] for run in each.runs if run in contradicted]
+            found.append(replace(each, beside=(*each.beside, *apart, judged), between=between))
     return sorted(found, key=lambda each: (each.runs[0], each.sensor))
+
+
+def _between(own: Sequence[RunSolution], noise: FloatArray, larger: float, used: Collects) -> BetweenRuns:
+    """Return what explains what solutions of single runs differ by, beside their errors, so many times as large.
+
+    Without errors, beside those that a `noise` (c,) makes.
+    """
+    if not own or any(each.run is None for each in own):
+        return BetweenRuns()
+    units = {name: of.unit for each in own for name, of in each.parameters.items()}
+    of_each = [[of.get(name, Estimate(None, None, "")) for name in units] for of in (e.by_noise(noise) for e in own)]
+    values, errors = (np.array([[getattr(e, a) for e in of] for of in of_each], np.float64) for a in ("value", "se"))
+    return between_runs(units, [each.runs[0] for each in own], values, larger * errors, used.conditions)
 
 
 @dataclass(frozen=True)

@@ -160,7 +160,7 @@ class SensorFit:
                 f"sensor {number}: no temperature was reached from both sides: hysteresis and a drift through the "
                 "campaign are in the curves"
             )
-        notes += [f"sensor {number}: {said}" for said in shown.uneven_in_words]
+        notes += [f"sensor {number}: {said}" for said in (*shown.between.in_words, *shown.uneven_in_words)]
         self.number, self.layout, self.notes = number, layout, notes
         self.improvement = _rate_improvement(layout, choices, errors)
         # Less what the two directions differ by, which is no noise.

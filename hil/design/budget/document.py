@@ -148,4 +148,6 @@ def _named(budget: Budget, values: FloatArray) -> dict[str, float | None]:
 
 def _said(observed: SensorRepeats) -> list[str]:
     """Return what is to be known of what repeats show, which stands beside it; or why they show nothing."""
-    return [*observed.uneven_in_words, *observed.visits_in_words] if observed.repeated else observed.sentences()
+    if not observed.repeated:
+        return observed.sentences()
+    return [*observed.between.in_words, *observed.uneven_in_words, *observed.visits_in_words]

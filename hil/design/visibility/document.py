@@ -29,6 +29,7 @@ from hil.model.effects.document import shape_in_words
 from hil.model.effects.prior import ALPHA
 from hil.solve import repeats, solve_campaign
 from hil.solve.beside_terms import beside, scatter_of_runs
+from hil.solve.between_runs import NO_NOISE
 from hil.solve.changes import CHANGES, Change
 from hil.solve.omissions import in_words, what_is_wrong
 from hil.solve.repeats import OF_MEANS, SensorRepeats
@@ -238,7 +239,7 @@ def _seen(shown: SensorRepeats, *, assumed: bool) -> NoiseLevel:
     else:
         level = _of_model(level)
         whose = level.source
-    stated = "; ".join([whose, *shown.cautions])  # of assumed errors nothing is to be said
+    stated = "; ".join([whose, *shown.between.in_words, *shown.cautions])  # of assumed errors nothing is to be said
     return replace(level, source=f"{whose}, beyond an assumed noise of collects" if assumed else stated)
 
 
@@ -370,6 +371,7 @@ def visibility_text(document: Mapping[str, Any]) -> str:
         ],
         worth=_WORTH,
         listed=listed,
+        no_noise=NO_NOISE,
         unit_in_words=unit_in_words,
         shape_in_words=shape_in_words,
     ).rstrip("\n")

@@ -13,7 +13,8 @@ from hil.design.visibility.document import campaign_document, visibility_text
 from hil.reconcile import reconcile
 from hil.reconcile.scattering import what_scatters
 from hil.solve import repeats, solve_campaign
-from tests.hil.solve.runs_of_a_unit import campaign, up_and_down, with_rates
+from tests.hil.solve.runs_of_a_unit import campaign, up_and_down, with_column, with_rates
+from tests.hil.solve.test_between_runs import after, visits_again, with_mua
 
 
 @pytest.mark.slow
@@ -49,3 +50,20 @@ def test_what_visits_differ_by_is_said_by_all_whose_uncertainties_hold_it() -> N
     assert said in shown[2].sentences()
     assert said in budget_document(scenes, "t", Asked(draws=100), observed=shown)["sensors"]["2"]["as_solved_for"]
     assert any("which the means and ± of hil solve hold" in note for note in fit_thermal(made).sensors[2].notes)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("recorded", [True, False])
+def test_what_explains_that_runs_differ_is_said_by_all_who_take_it_for_scatter(recorded: bool) -> None:
+    """MUA jumps in the middle of the night; where the supply did, too, MUA follows it, and no run is judged by that."""
+    one = visits_again()
+    of = one.sensors[2].conditions
+    made = with_mua(with_column(one, supply_V=28.0 + (of.run > 6)) if recorded else one, after(6, 25.0))
+    solutions = solve_campaign(made)
+    shown, scenes = repeats(made, solutions), measured_scenes(made, load_bench("simulated"), {})
+    (said,) = shown[2].document()["explained"]
+    assert said.startswith("MUA follows supply_V" if recorded else "MUA jumps by +2")
+    assert (said in shown[2].sentences(), any(said in each.reason for each in solutions)) == (recorded, not recorded)
+    assert said in budget_document(scenes, "t", Asked(draws=100), observed=shown)["sensors"]["2"]["as_solved_for"]
+    assert said in visibility_text(campaign_document(made, changes=()))
+    assert f"sensor 2: {said}" in fit_thermal(made).sensors[2].notes

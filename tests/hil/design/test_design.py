@@ -30,6 +30,7 @@ from hil.model.forms import default_form
 from procedures.plan import make_plan
 from procedures.settings import CollectSettings
 from tests.hil.solve.runs_of_a_unit import campaign
+from tests.hil.solve.test_between_runs import after, visits_again, with_mua
 
 
 @pytest.fixture(scope="module")
@@ -356,3 +357,12 @@ def test_a_folder_without_repeats_says_nothing_of_scatter(tmp_path: Path, capsys
         asked = ["design", "quick", "--sensor", "2", "--scatter", str(folder), "--out", f"{folder}.yaml"]
         assert run(asked) == status
     assert "nothing was repeated there" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_what_explains_the_scatter_of_a_folder_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """An MU that jumped in that night is taken for scatter, and that is no secret."""
+    write_campaign(with_mua(visits_again(), after(6, 25.0)), tmp_path / "jumps")
+    asked = ["design", "quick", "--sensor", "2", "--scatter", str(tmp_path / "jumps")]
+    assert run(asked) == 0
+    assert "sensor 2: MUA jumps by +2" in capsys.readouterr().err

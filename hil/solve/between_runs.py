@@ -1,0 +1,275 @@
+"""What runs of one temperature differ by, where something explains it: a recorded column, or a jump at some time.
+
+    found = between_runs(units, runs, values, errors, conditions)
+    found.follow              # {"BA": ("supply_V",)}: what that explains is no scatter from run to run
+    found.jumps["MUA"]        # Jump(size=20.1, unit="deg/hr/g", before=12, after=13)
+    found.judged[5]           # no run is a PASS that others contradict across a jump
+
+Of each parameter all is asked at once, and of all temperatures together: every recorded column, time, the way to a
+temperature, and a jump between any two runs. What scatters is what each leaves (an F test), and the best of them is
+told where so much is hardly chance of any that was tried. Where visits to a temperature differ by more than runs of
+one do, the means of visits are compared: runs of one have in common what history made of them. A jump is told where
+neither a column, nor a drift, nor the way to a temperature comes near to it: of runs before and after it, at one
+temperature, each measures another unit.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Self
+
+import numpy as np
+from scipy.special import fdtrc
+
+from hil.campaign import Conditions, FloatArray, IntArray
+from hil.campaign.data import known_mean
+from hil.solve.identifiability import orthonormal
+from hil.solve.temperatures import runs_by_temperature, told_by, visits
+from hil.solve.uncertain import RARE, Spread
+from procedures.verdict import Judgement, Verdict
+from procedures.words import listed, numbered
+
+NO_NOISE = "what a recorded column explains of it is no noise; hil reconcile looks"
+"""Said where what repeats scatter by is taken for what changes from run to run by itself."""
+_VERY_RARE = 0.1 * RARE  # chance of a jump that is none: runs are judged by it
+_BETTER = 6.0  # twice the log of how much likelier one of two makes what is seen, 20 times: it alone is told
+_DRIFT = 3  # order in time of what is no jump
+_SAME = 0.999  # of its square: a column that has so much of time is no other
+_UNSEEN = 1e-6  # of a column: what differs by less at any temperature explains nothing
+_LEAST = 2  # runs at least on the fewer side of a jump: of one alone it may be its own
+_JUMP = 2  # what is fitted of a jump: its size and its place
+TIME, _WAY = "time", "the way to a temperature"
+_NOTHING = 1e-12  # of the whole: what arithmetic leaves
+
+
+@dataclass(frozen=True)
+class Jump:
+    """By how much, in `unit`, a parameter is another somewhere between a run `before` and one `after`."""
+
+    size: float
+    unit: str
+    before: int
+    after: int
+
+
+@dataclass(frozen=True)
+class BetweenRuns:
+    """What explains what a sensor's runs of one temperature differ by, by parameter: columns to `follow`, or `jumps`.
+
+    `apart` are the runs at temperatures that were measured before and after a jump; none where no temperature was
+    recorded, which may be what jumps.
+    """
+
+    follow: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    jumps: Mapping[str, Jump] = field(default_factory=dict)
+    apart: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+
+    @property
+    def in_words(self) -> list[str]:
+        """Say which parameters follow what, and which jump where; nothing where nothing explains what they do."""
+        return self._said(self.jumps)
+
+    @property
+    def not_judged(self) -> list[str]:
+        """Say the same but for what verdicts say."""
+        return self._said(name for name in self.jumps if name not in self.apart)
+
+    def _said(self, jumps: Iterable[str]) -> list[str]:
+        alike: dict[tuple[str, ...], list[str]] = {}
+        for name, columns in self.follow.items():
+            alike.setdefault(columns, []).append(name)
+        said = [
+            f"{listed(names)} follow{'s' * (len(names) == 1)} {' or '.join(columns)} from run to run: {NO_NOISE}"
+            for columns, names in alike.items()
+        ]
+        return [*said, *self._jumps(jumps)]
+
+    @property
+    def judged(self) -> dict[int, Judgement]:
+        """Return by run the judgement that it has at best: others, across a jump, contradict it."""
+        found = {}
+        for run in sorted({run for of in self.apart.values() for run in of}):
+            said = self._jumps(name for name, of in self.apart.items() if run in of)
+            found[run] = Judgement(Verdict.MARGINAL, "; ".join(said))
+        return found
+
+    def _jumps(self, names: Iterable[str]) -> list[str]:
+        by_place: dict[tuple[int, int], list[str]] = {}
+        for name in names:
+            each = self.jumps[name]
+            several = by_place.setdefault((each.before, each.after), [])
+            several.append(f"{name}{'' if several else ' jumps'} by {each.size:+.3g} {each.unit}")
+        asks = "hil reconcile asks what it is"
+        return [
+            f"{listed(said)} between {numbered('run', [before])} and {numbered('run', [after])}: {asks}"
+            for (before, after), said in by_place.items()
+        ]
+
+
+def between_runs(
+    units: Mapping[str, str], runs: Sequence[int], values: FloatArray, errors: FloatArray, conditions: Conditions
+) -> BetweenRuns:
+    """Return what explains what values (r, p) of runs differ by, NaN where not told, with standard errors (r, p).
+
+    `units` are those of the parameters, `conditions` those of all their collects.
+    """
+    begins_s = {run: float(np.min(conditions.start_s[rows])) for run, rows in conditions.of_each_run.items()}
+    in_time = np.argsort([begins_s[run] for run in runs], kind="stable")
+    number, values, errors = np.array(runs)[in_time], values[in_time], errors[in_time]
+    group, visit = (_place(number, of) for of in (runs_by_temperature(conditions), visits(conditions)))
+    again = np.array([len(np.unique(visit[group == k])) > 1 for k in group])
+    spread, there, of_one = (
+        Spread.of(values[some], errors[some], by[some])
+        for some, by in ((again | True, group), (again, group), (again, visit))
+    )
+    differ, sd = there.more_than(of_one), spread.sd(errors)
+    drivers = [*_drivers(number, visit, conditions)]
+    follow, jumps, apart = dict[str, tuple[str, ...]](), dict[str, Jump](), dict[str, tuple[int, ...]]()
+    for p, (name, unit) in enumerate(units.items()):
+        here = np.flatnonzero(np.isfinite(values[:, p]))
+        if spread.certain[p] and np.all(sd[here, p] > 0.0):
+            compared = visit[here] if differ[p] else here
+            own = _Compared.of(values[here, p], sd[here, p], group[here], compared)
+            columns, step = own.explained([(of, x[here]) for of, x in drivers])
+            if columns:
+                follow[name] = columns
+            if step is not None:
+                first, last = (number[here[own.whose == k]] for k in (step.first, step.last))
+                jumps[name] = Jump(step.size, unit, int(first[-1]), int(last[0]))
+                if told_by(conditions) is not None:
+                    apart[name] = tuple(number[here[np.isin(group[here], step.groups)]].tolist())
+    return BetweenRuns(follow, jumps, apart)
+
+
+def _place(number: IntArray, groups: Sequence[tuple[float | None, tuple[int, ...]]]) -> IntArray:
+    """Return in which group each run is, (r,)."""
+    at = {run: k for k, (_, runs) in enumerate(groups) for run in runs}
+    return np.array([at[run] for run in number.tolist()])
+
+
+def _drivers(number: IntArray, visit: IntArray, conditions: Conditions) -> Iterator[tuple[str, FloatArray]]:
+    """Yield what runs (r,) may follow, (r, q) each: time, the way to a temperature, and every column that is known."""
+    rows = [conditions.of_each_run[run] for run in number.tolist()]
+
+    def of_each(column: FloatArray) -> FloatArray:
+        return np.array([known_mean(column[of]) for of in rows])
+
+    time = of_each(conditions.start_s)
+    time = (time - time.mean()) / max(float(np.ptp(time)), 1.0)
+    for order in range(1, _DRIFT + 1):
+        yield TIME, np.vander(time, order + 1)[:, :-1]
+    degC = np.array([np.nan if at is None else at for at, _ in visits(conditions)])
+    if np.isfinite(degC).all():
+        for first in (-1.0, 1.0):  # from where the first was reached nobody knows
+            yield _WAY, np.sign(np.diff(degC, prepend=degC[0] - first))[visit][:, None]
+    for name, column in conditions.columns.items():
+        shown = of_each(column)
+        if np.isfinite(shown).all() and np.ptp(shown) > 0.0:
+            yield name, (shown - shown.mean())[:, None] / np.ptp(shown)
+
+
+@dataclass(frozen=True)
+class _Step:
+    """A jump by `size` somewhere between two values, the `first` and the `last`, that parts values of some `groups`."""
+
+    size: float
+    first: int
+    last: int
+    groups: IntArray
+
+
+@dataclass(frozen=True)
+class _Compared:
+    """Values (m,) in the order of time, of runs or means of visits, each in one `group`; `whose` (r,) a run's is."""
+
+    values: FloatArray
+    weight: FloatArray
+    group: IntArray
+    whose: IntArray
+    share: FloatArray
+
+    @classmethod
+    def of(cls, values: FloatArray, sd: FloatArray, group: IntArray, compared: IntArray) -> Self:
+        """Take together what is to be compared together; runs are in the order of time."""
+        _, first, whose = np.unique(compared, return_index=True, return_inverse=True)
+        weight = _sums(whose, sd**-2.0)
+        share = sd**-2.0 / weight[whose]
+        return cls(_sums(whose, share * values), weight, group[first], whose, share)
+
+    def beside(self, columns: FloatArray) -> FloatArray:
+        """Return columns (m, q) less their mean at each temperature, weighed."""
+        place = np.unique(self.group, return_inverse=True)[1]
+        whole = _sums(place, self.weight)
+        means = np.stack([_sums(place, self.weight * column) / whole for column in columns.T], axis=1)
+        return np.asarray((columns - means[place]) * np.sqrt(self.weight)[:, None])
+
+    def explained(self, drivers: Sequence[tuple[str, FloatArray]]) -> tuple[tuple[str, ...], _Step | None]:
+        """Return the columns (r, q) that explain best what values differ by at one temperature; or the jump that does.
+
+        Neither where what explains it may be chance, or is history.
+        """
+        seen = self.beside(self.values[:, None])[:, 0]
+        whole, freedom = float(seen @ seen), len(seen) - len(np.unique(self.group))
+        if freedom <= _JUMP or whole <= 0.0:
+            return (), None
+        product, norm, fewer = self._steps(seen)
+        there = np.flatnonzero(norm > _UNSEEN * norm.max(initial=0.0))
+        left = whole - product[there] ** 2 / norm[there]
+        of_steps = _score(left, whole, freedom, _JUMP)
+        tried = [*self._tried(drivers, seen)]
+        of_drivers = np.array([_score(whole - shown, whole, freedom, q) for _, shown, q in tried])
+        best_step, best, among = of_steps.min(initial=np.inf), of_drivers.min(initial=np.inf), len(there) + len(tried)
+        if best_step + _BETTER < best:
+            k = int(np.argmin(of_steps))
+            step, alike = int(there[k]), there[of_steps < best_step + _BETTER]
+            if _chance(float(left[k]), whole, freedom, 1) * among < _VERY_RARE and fewer[step] >= _LEAST:
+                both = np.intersect1d(self.group[: step + 1], self.group[step + 1 :])
+                return (), _Step(float(product[step] / norm[step]), int(alike.min()), int(alike.max()) + 1, both)
+        elif best < best_step:
+            _, shown, fitted = tried[int(np.argmin(of_drivers))]
+            names = dict.fromkeys(name for (name, *_), of in zip(tried, of_drivers, strict=True) if of < best + _BETTER)
+            if _chance(whole - shown, whole, freedom, fitted) * among < RARE and _WAY not in names:
+                return tuple(names), None
+        return (), None
+
+    def _tried(self, drivers: Sequence[tuple[str, FloatArray]], seen: FloatArray) -> Iterator[tuple[str, float, int]]:
+        """Yield by name the squares of what is seen that each of some columns (r, q) explains, and by how many."""
+        time = np.zeros((len(seen), 0))
+        for name, columns in drivers:
+            shown = self.beside(np.stack([_sums(self.whose, self.share * of) for of in columns.T], axis=1))
+            basis = orthonormal(shown, _UNSEEN)
+            if name == TIME and not time.size:
+                time = basis
+            same = name not in (TIME, _WAY) and np.sum((time.T @ basis) ** 2) > _SAME
+            if np.sum(shown**2) > _UNSEEN**2 * self.weight.sum() and not same:
+                yield name, float(np.sum((basis.T @ seen) ** 2)), basis.shape[1]
+
+    def _steps(self, seen: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:
+        """Return of a step after each value but the last its product with what is seen, and its square, (m - 1,) each.
+
+        And how many values lie on the fewer side of it, of all temperatures together.
+        """
+        norm, fewer = np.zeros(len(seen)), np.zeros(len(seen), dtype=np.int64)
+        for k in np.unique(self.group):
+            here = np.flatnonzero(self.group == k)
+            up_to, count = np.cumsum(self.weight[here]), np.arange(1, len(here) + 1)
+            norm[here] = np.diff(up_to * (1.0 - up_to / up_to[-1]), prepend=0.0)
+            fewer[here] = np.diff(np.minimum(count, len(here) - count), prepend=0)
+        return -np.cumsum(np.sqrt(self.weight) * seen)[:-1], np.cumsum(norm)[:-1], np.cumsum(fewer)[:-1]
+
+
+def _sums(whose: IntArray, of_each: FloatArray) -> FloatArray:
+    """Return the sums (m,) of what is whose, (r,) each."""
+    return np.bincount(whose, of_each).astype(np.float64)
+
+
+def _score(left: FloatArray | float, whole: float, freedom: int, fitted: int) -> FloatArray:
+    """Return twice the log of how much less likely values are with what leaves so much of the whole (BIC)."""
+    return np.asarray(freedom * np.log(np.maximum(left / whole, _NOTHING)) + fitted * np.log(freedom))
+
+
+def _chance(left: float, whole: float, freedom: int, fitted: int) -> float:
+    """Return the chance of so little left of what only scatters."""
+    rest = freedom - fitted
+    if rest < 1:
+        return 1.0
+    return float(fdtrc(fitted, rest, (whole - left) / fitted / max(left / rest, _NOTHING * whole)))

@@ -1,0 +1,132 @@
+"""What runs of one temperature differ by is no scatter where a jump, or a recorded column, explains it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hil.campaign import Campaign
+from hil.solve import repeats, solve_campaign
+from hil.solve.between_runs import NO_NOISE, Jump, between_runs
+from procedures.verdict import Verdict
+from tests.hil.solve.runs_of_a_unit import campaign, up_and_down, with_column, with_rates
+
+
+def visited(order: Sequence[int], seed: int = 0, scatter: float = 0.8) -> Campaign:
+    """Return a run at each of some temperatures, 20 °C apart, in this order; MU scatters as the bias does."""
+    one = campaign(len(order), 1, seed, scatter)
+    rows, of = one.sensors[2], one.sensors[2].conditions
+    here = 20.0 * np.array(order)[of.run - 1] - 20.0
+    rates = rows.rates_deg_per_hr + np.outer(here - of.columns["setpoint_degC"], [0.5, 0.3])
+    rates += of.f_g[:, [2]] * np.random.default_rng(seed + 100).normal(0.0, scatter, (len(order), 2))[of.run - 1]
+    columns = {**of.columns, "setpoint_degC": here, "temperature_degC": here + 8.0, "chamber_degC": here + 0.1}
+    return replace(one, sensors={2: replace(rows, conditions=replace(of, columns=columns), rates_deg_per_hr=rates)})
+
+
+def visits_again(seed: int = 0, scatter: float = 0.8) -> Campaign:
+    """Return three passes of four temperatures, coldest first."""
+    return visited([0, 1, 2, 3] * 3, seed, scatter)
+
+
+def after(run: int, size: float) -> Callable[[np.ndarray], np.ndarray]:
+    """Return what is `size` after a run, and nothing before."""
+    return lambda runs: size * (runs > run)
+
+
+def with_mua(one: Campaign, of_run: Callable[[np.ndarray], np.ndarray]) -> Campaign:
+    """Return the campaign with an MUA that is larger by so much in each run, (n,)."""
+    of, rates = one.sensors[2].conditions, one.sensors[2].rates_deg_per_hr.copy()
+    rates[:, 1] -= of.f_g[:, 2] * of_run(of.run)
+    return with_rates(one, rates)
+
+
+@pytest.mark.parametrize(("size", "last"), [(10.0, 4), (15.0, 6), (-20.0, 8), (30.0, 6)])
+def test_a_step_of_mu_in_the_night_is_no_scatter_from_run_to_run(size: float, last: int) -> None:
+    """Three visits to each temperature: all runs had been PASS, beside an MUA known by half of the step."""
+    made = with_mua(visits_again(), after(last, size))
+    solutions = solve_campaign(made)
+    (jump,) = solutions[0].between.jumps.values()
+    assert jump == Jump(pytest.approx(size, abs=2.0), "deg/hr/g", last, last + 1)
+    said = (
+        f"MUA jumps by {jump.size:+.3g} deg/hr/g between run {last} and run {last + 1}: hil reconcile asks what it is"
+    )
+    assert [(each.verdict, said in each.reason) for each in solutions] == [(Verdict.MARGINAL, True)] * 12
+    shown = repeats(made, solutions)[2]
+    assert shown.between.in_words == [said]
+    assert said not in shown.sentences()  # verdicts say it
+
+
+def test_only_runs_that_others_contradict_are_judged_by_a_jump() -> None:
+    """At a temperature that was measured after it alone no run contradicts another."""
+    found = {
+        each.run: each.verdict for each in solve_campaign(with_mua(visited([0, 1, 2] * 4 + [5] * 3), after(9, 25.0)))
+    }
+    assert {run for run, verdict in found.items() if verdict is Verdict.MARGINAL} == {*range(1, 13)}
+
+
+@pytest.mark.parametrize("scatter", [0.0, 3.0])
+def test_runs_that_scatter_are_said_to_follow_nothing(scatter: float) -> None:
+    """Of none of some nights: three visits to each temperature, up and down, and one visit to each."""
+    for seed in range(6):
+        for made in (visits_again(seed, scatter), up_and_down(seed, scatter), campaign(12, 4, seed, scatter)):
+            (found,) = {id(each.between): each.between for each in solve_campaign(made)}.values()
+            assert found.in_words == []
+
+
+def test_what_a_recorded_column_explains_is_said_to_be_no_scatter() -> None:
+    """The supply moves MUA; one that steps with it is followed, and no jump of the unit."""
+    one = visits_again()
+    run = one.sensors[2].conditions.run
+    for shown in (28.0 + np.sin(1.7 * run), 28.0 + (run > 6)):
+        made = with_mua(with_column(one, supply_V=shown), lambda _, shown=shown: 12.0 * (shown - 28.0))
+        solutions = solve_campaign(made)
+        said = f"MUA follows supply_V from run to run: {NO_NOISE}"
+        assert said in repeats(made, solutions)[2].sentences()
+        assert {each.verdict for each in solutions} == {Verdict.PASS}
+
+
+def test_a_drift_and_the_way_to_a_temperature_are_no_jump() -> None:
+    """What rises through the night follows time; what the way explains as well as a jump does is history."""
+    one = visits_again()
+    one = with_column(one, time_since_power_on_s=one.sensors[2].conditions.start_s + 3600.0)
+    drifts = solve_campaign(with_mua(one, lambda run: 2.0 * run))
+    assert drifts[0].between.follow == {"MUA": ("time",)}
+    up = np.repeat(np.arange(6), 2).tolist()
+    made = with_mua(visited([*up, *up[::-1]]), after(12, 15.0))
+    solutions = solve_campaign(made)
+    assert {each.verdict for each in solutions} == {Verdict.PASS}
+    assert solutions[0].between.in_words == []
+    assert any(said.startswith("MUA differs between visits") for said in repeats(made, solutions)[2].sentences())
+
+
+def test_one_run_alone_that_is_another_is_no_jump() -> None:
+    """The last run differs: from then on the unit may be another, or the run may be. Two that do are enough."""
+    conditions, noise = visits_again().sensors[2].conditions, np.random.default_rng(0).normal(0.0, 1.0, (12, 1))
+    runs = np.arange(1, 13)
+    for last, told in ((11, {}), (10, {"MUA": Jump(pytest.approx(50.0, abs=5.0), "deg/hr/g", 10, 11)})):
+        values = noise + 50.0 * (runs > last)[:, None]
+        assert between_runs({"MUA": "deg/hr/g"}, runs.tolist(), values, np.ones((12, 1)), conditions).jumps == told
+
+
+def test_where_no_temperature_was_recorded_a_jump_gives_no_verdict() -> None:
+    """It may be the temperature that jumps: said, beside what to record."""
+    one = with_mua(visits_again(), after(6, 25.0))
+    rows = one.sensors[2]
+    conditions = replace(rows.conditions, columns={})
+    rates = rows.rates_deg_per_hr - np.outer(rows.conditions.columns["setpoint_degC"], [0.5, 0.3])
+    made = replace(one, sensors={2: replace(rows, conditions=conditions, rates_deg_per_hr=rates)})
+    solutions = solve_campaign(made)
+    assert {each.verdict for each in solutions} == {Verdict.PASS}
+    assert any(said.startswith("MUA jumps by +2") for said in repeats(made, solutions)[2].sentences())
+
+
+def test_visits_that_differ_are_compared_as_visits() -> None:
+    """A bias that is another in each visit jumps nowhere, though runs of a visit agree."""
+    for seed in range(8):
+        one = visited(np.repeat([0, 1, 2, 3] * 2, 4).tolist(), seed, 0.5)
+        of_visit = np.random.default_rng(seed + 50).normal(0.0, 6.0, (8, 2))
+        rates = one.sensors[2].rates_deg_per_hr + of_visit[(one.sensors[2].conditions.run - 1) // 4]
+        assert solve_campaign(with_rates(one, rates))[0].between.jumps == {}
