@@ -67,38 +67,38 @@ class Asked:
         One, or two in two runs, which hide behind each other; whatever the noise is at one temperature, where something
         may be wrong. Of one `run` alone, if asked for.
         """
-        nothing, found = self._weighed(run)
+        log_whole, nothing, found = self._weighed(run)
         if nothing > DOUBTED:
             return nothing, found
-        told, log_weights = [(nothing, found)], [self.as_filed - np.log(nothing)]
-        for log_odds, rates in self.rates.louder({cause.run for causes, p in found if p > _SOME for cause in causes}):
-            asked = Asked(rates, self._own_bias, self._beside)
-            told.append(asked._weighed(run))
-            log_weights.append(log_odds + asked.as_filed - np.log(told[-1][0]))
-        weights = np.exp(log_weights - logsumexp(log_weights)).tolist()
+        told, runs = [(log_whole, nothing, found)], {cause.run for causes, p in found if p > _SOME for cause in causes}
+        for log_odds, rates in self.rates.louder(runs):
+            log_whole, nothing, found = Asked(rates, self._own_bias, self._beside)._weighed(run)
+            told.append((log_odds + log_whole, nothing, found))
+        whole = logsumexp([log for log, *_ in told])
+        weighed = [(float(np.exp(log - whole)), nothing, found) for log, nothing, found in told]
         every: dict[tuple[object, ...], list[tuple[float, tuple[Cause, ...]]]] = {}
-        for weight, (_, found) in zip(weights, told, strict=True):
+        for weight, _, found in weighed:
             for causes, p in found:
                 same = tuple((each.what, each.run, each.rows, each.channels) for each in causes)
                 every.setdefault(same, []).append((weight * p, causes))
         likely = [(max(of, key=lambda each: each[0])[1], sum(p for p, _ in of)) for of in every.values()]
-        nothing = sum(weight * own for weight, (own, _) in zip(weights, told, strict=True))
+        nothing = sum(weight * own for weight, own, _ in weighed)
         return nothing, sorted(likely, key=lambda each: -each[1])
 
-    def _weighed(self, run: int | None) -> tuple[float, Found]:
+    def _weighed(self, run: int | None) -> tuple[float, float, Found]:
         if self.rates.freedom < 1.0:
-            return 1.0, []
+            return 0.0, 1.0, []
         singly = [some_of(each, np.isin(each.runs, each.runs if run is None else run)) for each in self._tried()]
         ways = [*(each.ways() for each in singly), *self._twice(singly)]
-        nothing, found = self._posterior(ways)
-        if nothing < DOUBTED and run is None:
-            nothing, found = self._posterior([*ways, *self._another(singly)])
-        return nothing, found
+        found = self._posterior(ways)
+        return self._posterior([*ways, *self._another(singly)]) if found[1] < DOUBTED and run is None else found
 
-    def _posterior(self, ways: Sequence[Ways]) -> tuple[float, Found]:
+    def _posterior(self, ways: Sequence[Ways]) -> tuple[float, float, Found]:
+        """Return the log probability of the rates whatever is wrong, and with that what `weighed` does."""
         weights = np.concatenate([np.zeros(1), *(log_odds for log_odds, *_ in ways)])
         weights += self._evidence(np.concatenate([np.array([self.rates.squares]), *(left for _, left, _ in ways)]))
-        weights = np.exp(weights - logsumexp(weights))
+        log_whole = float(logsumexp(weights))
+        weights = np.exp(weights - log_whole)
         ends = np.cumsum([1, *(len(left) for _, left, _ in ways)])
         told = 1 + np.flatnonzero(weights[1:] > _NEXT_TO_NONE * weights[1:].max(initial=0.0))
         of = np.searchsorted(ends, told, side="right") - 1
@@ -107,7 +107,7 @@ class Asked:
         for causes, p in sorted(found, key=lambda each: -each[1]):
             once.setdefault(frozenset(causes), (causes, p))
         whole = float(weights[0]) + sum(p for _, p in once.values())
-        return float(weights[0]) / whole, [(causes, p / whole) for causes, p in once.values()]
+        return log_whole, float(weights[0]) / whole, [(causes, p / whole) for causes, p in once.values()]
 
     def _another(self, singly: Sequence[Tried]) -> Iterator[Ways]:
         """Yield what leaves least of a run whose rates it tells, of a few, with all that may be in others."""

@@ -117,6 +117,8 @@ def test_of_four_collects_a_run_noise_of_a_temperature_is_weighed_against_rows_t
     rates = nights[0].sensors[2].rates_deg_per_hr.copy()
     rates[5] += 60.0
     assert [wrong.collects for wrong in wrong_rows(with_rates(nights[0], rates))[2].rows] == [(6,)]
+    rates[5] += 1e6  # so far off that nothing being wrong is no number any more
+    assert [wrong.collects for wrong in wrong_rows(with_rates(nights[0], rates))[2].rows] == [(6,)]
     quiet = [repeated(12, 3, (0, 1, 2, 0), seed) for seed in range(8)]
     for each in quiet:  # a rate that is far off in the quiet is no noise of its temperature
         each.sensors[2].rates_deg_per_hr[5] += 8.0
