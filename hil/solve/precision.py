@@ -38,7 +38,8 @@ _OTHER = {
 _SIGMAS = 3.0
 _LEFT = 1e-3  # of what an error does to the rates, beside the parameters: less is the rounding of f and w
 _FROM_RUN_TO_RUN = {
-    name: variance_effect_by_id(effect) for name, effect in (("B", "turnon"), ("MU", "MU_rr"), ("GS", "GS_rr"))
+    name: variance_effect_by_id(effect)
+    for name, effect in (("B", "turnon"), ("MU", "MU_rr"), ("GS", "GS_rr"), ("G", "G_rr"))
 }
 
 
@@ -80,21 +81,26 @@ def usual_size(parameter: str, sensor: Sensor) -> float:
 
 
 def typical_scatter(parameter: str, sensor: Sensor) -> float:
-    """Return by how much a bias, deg/hr, MU or GS, deg/hr/g, typically differs from run to run at most; else any.
+    """Return by how much a bias, deg/hr, MU, GS or G, deg/hr/g, typically differs from run to run at most; else any.
 
     >>> typical_scatter("MUA", Sensor(2, ("A", "B", "S"), {"RA": "A", "RB": "B"}))
     6.0
     """
-    of = _FROM_RUN_TO_RUN.get(parameter[:-1])
+    of = _changes_by(parameter)
     if of is None:
         return math.inf
     known = of.parameters[0]
     return max(high for _, high in ([known.typical] if sensor.is_rotor else known.typical_other.values()))
 
 
+def _changes_by(parameter: str) -> VarianceEffect | None:
+    """Return the effect by which a parameter differs from run to run; None where no entry says."""
+    return _FROM_RUN_TO_RUN.get(parameter[:-1], _FROM_RUN_TO_RUN.get(parameter[0]))
+
+
 def to_record_of(changing: Iterable[str], conditions: Conditions) -> tuple[str, ...]:
     """Return the columns that nobody recorded and that parameters which change from run to run may follow."""
-    effects = {of for name in changing if (of := _FROM_RUN_TO_RUN.get(name[:-1]))}
+    effects = {of for name in changing if (of := _changes_by(name))}
     return tuple(sorted({need for effect in effects for need in to_record(conditions, effect)}))
 
 

@@ -239,6 +239,29 @@ class LinearSensitivity(Effect):
         return sensitivity_columns(conditions)
 
 
+class LinearSensitivityScatter(_AnewInEachRun):
+    """G of a triad that differs from one self-calibration to the next; a rotor's has effects of its own, GS and MU.
+
+    The report does not list it; sizes are assumed.
+    """
+
+    id = "G_rr"
+    of = LinearSensitivity()
+    rotor_only = False
+    title = "Run-to-run change of the acceleration sensitivity"
+    equation = "G of run k = G(T) + N(0, s_g)"
+    parameters = (Parameter("s_g", "deg/hr/g", (0.5, 5.0), {"DTG": (0.02, 0.5), "MEMS": (0.5, 20.0)}),)
+    signature = "Opposite orientations of a run move oppositely, those of the next by another amount; bias stays."
+    confusable_with = ("base", "arw", "g_sensitivity")
+    kin = MappingProxyType({"g_sensitivity_T": 1.0})
+    odds = 1.0 / 1.5  # the published list of effects lacks it
+    experiment = "Repeat two opposite orientations three times without moving the unit between, then with."
+
+    def applies_to(self, sensor: Sensor) -> bool:
+        """Only to a triad."""
+        return sensor.is_triad
+
+
 class LinearSensitivityTemperature(LinearSensitivity):
     """G that follows temperature linearly."""
 

@@ -11,6 +11,7 @@ from hil.model.effects.base import Base, Effect, Parameter, ShapeParameter, Vari
 from hil.model.effects.columns import HOUR_S, channel_labels, column, middle_hr, per_channel
 from hil.model.effects.history import collect_interval_s, place_in_run
 from hil.model.effects.scatter import Scatter
+from hil.model.forms import mu_columns
 
 _FEW_RUNS = 4  # beside so many others, a run that stands alone is not told from the others' scatter
 _FEWEST_CYCLES = 3
@@ -71,31 +72,15 @@ class Ageing(Effect):
         return per_channel(middle_hr(conditions) / 24.0, conditions.sensor)
 
 
-class Jump(Effect):
-    """Bias that steps and stays, or comes back after one run: a bearing or retainer that seats itself elsewhere.
+class _Steps(Effect):
+    """Something that steps and stays, or comes back after one run.
 
     A step within a run lies between two of its collects, wherever between them it really was.
     """
 
-    id = "jump"
     follows = "time"
-    title = "Bearing or retainer jump"
-    equation = "B += J from run r on, or in run r alone"
     recurring = True
     lasts = True
-    per_channel = True
-    parameters = (Parameter("J", "deg/hr", (5.0, 15.0), {"DTG": (0.1, 1.0), "MEMS": (1.0, 50.0)}),)
-    signature = "A step between two runs, at no particular temperature; two states if it comes back."
-    confusable_with = ("ageing", "rrw", "swap", "hyst", "MU_rr")
-    kin = _WITH_TEMPERATURE
-    experiment = "Changepoint inside the collects; many repeats at one temperature."
-
-    def kin_for(self, conditions: Conditions, shape: Mapping[str, float]) -> Mapping[str, float]:
-        """Return its kin; of a step after the whole first run, with what only that may show much of."""
-        of_a_first_run = {"warmup": 1.0, "soak_insufficient": 1.0}
-        kin = {**self.kin, "turnon": 1.0} if shape.get("runs_held") else self.kin  # one state, or scatter
-        after_it = shape.get("from_run") in np.unique(conditions.run)[1:2] and not shape.get("from_collect")
-        return {**kin, **of_a_first_run} if after_it else kin
 
     def shapes_for(self, conditions: Conditions) -> tuple[ShapeParameter, ...]:
         """Return the run from which the step holds, for how many runs (0: to the end), after how many collects."""
@@ -118,13 +103,57 @@ class Jump(Effect):
             and not (shape["from_collect"] and shape["runs_held"])
         ]
 
-    def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
+    def holds(self, conditions: Conditions, shape: Mapping[str, float]) -> FloatArray:
+        """Return 1 in every row after the step, 0 elsewhere, (n,)."""
         within = conditions.run == shape["from_run"]
         if shape.get("runs_held"):
-            return per_channel(within.astype(np.float64), conditions.sensor)
+            return np.asarray(within, dtype=np.float64)
         began = within & (_place_among_collects(conditions) >= shape.get("from_collect", 0.0))
-        holds = began | (conditions.run > shape["from_run"])
-        return per_channel(holds.astype(np.float64), conditions.sensor)
+        return np.asarray(began | (conditions.run > shape["from_run"]), dtype=np.float64)
+
+
+class Jump(_Steps):
+    """Bias that steps and stays, or comes back after one run: a bearing or retainer that seats itself elsewhere."""
+
+    id = "jump"
+    title = "Bearing or retainer jump"
+    equation = "B += J from run r on, or in run r alone"
+    per_channel = True
+    parameters = (Parameter("J", "deg/hr", (5.0, 15.0), {"DTG": (0.1, 1.0), "MEMS": (1.0, 50.0)}),)
+    signature = "A step between two runs, at no particular temperature; two states if it comes back."
+    confusable_with = ("ageing", "rrw", "swap", "hyst", "MU_rr")
+    kin = _WITH_TEMPERATURE
+    experiment = "Changepoint inside the collects; many repeats at one temperature."
+
+    def kin_for(self, conditions: Conditions, shape: Mapping[str, float]) -> Mapping[str, float]:
+        """Return its kin; of a step after the whole first run, with what only that may show much of."""
+        of_a_first_run = {"warmup": 1.0, "soak_insufficient": 1.0}
+        kin = {**self.kin, "turnon": 1.0} if shape.get("runs_held") else self.kin  # one state, or scatter
+        after_it = shape.get("from_run") in np.unique(conditions.run)[1:2] and not shape.get("from_collect")
+        return {**kin, **of_a_first_run} if after_it else kin
+
+    def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
+        return per_channel(self.holds(conditions, shape), conditions.sensor)
+
+
+class AxialDriftJump(_Steps):
+    """MU that steps and stays, or comes back after one run: balls that roll on another track."""
+
+    id = "MU_jump"
+    title = "MU jump"
+    equation = "MU += J from run r on, or in run r alone"
+    rotor_only = True
+    parameters = (
+        Parameter("JMUA", "deg/hr/g", (5.0, 15.0), {"DTG": (0.1, 1.0)}),
+        Parameter("JMUB", "deg/hr/g", (5.0, 15.0), {"DTG": (0.1, 1.0)}),
+    )
+    signature = "MU steps between two runs, at no particular temperature, and the bias does not."
+    confusable_with = ("jump", "MU_rr", "MU_T")
+    kin = MappingProxyType({"MU_T": 1.0})
+    experiment = "Collect 3 beside another position, many times at one temperature."
+
+    def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
+        return np.asarray(mu_columns(conditions) * self.holds(conditions, shape)[:, None, None])
 
 
 @lru_cache(maxsize=8)

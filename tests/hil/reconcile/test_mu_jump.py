@@ -1,0 +1,69 @@
+"""MU that steps has a name of its own, as a bias that steps has; and G of a triad that is another in each run."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hil.campaign import Campaign, Collects, Conditions, Sensor
+from hil.reconcile import reconcile
+from tests.hil.reconcile.hidden_effects import base_rates, campaign_of, lay_out
+
+
+def stepped(seed: int, runs: int, before: int, size: float, *, of_mu: bool) -> Campaign:
+    """Runs at one temperature; after so many of them MUA, deg/hr/g, or BA, deg/hr, is another."""
+    rng = np.random.default_rng(seed)
+    rows = lay_out(rng, (20.0,), runs)
+    after = size * (rows.run > before)
+    moved = np.stack([np.zeros(len(rows)), -rows.f[:, 2]] if of_mu else [np.ones(len(rows)), np.zeros(len(rows))], 1)
+    rates = base_rates(rows, thermal=False) + after[:, None] * moved
+    return campaign_of(rows, rates + rng.normal(0.0, 0.9, rates.shape))
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize(("of_mu", "name", "value"), [(True, "MU_jump", "JMUA"), (False, "jump", "J_A")])
+def test_of_two_runs_after_a_step_it_is_told_what_stepped(seed: int, of_mu: bool, name: str, value: str) -> None:
+    """Two of five runs with another MU were said to scatter from run to run, at 100 %."""
+    result = reconcile(stepped(seed, 5, 3, 15.0, of_mu=of_mu), "matrix-6", prove=False)
+    (effect,) = result.effects
+    assert (effect.id, effect.probability > 0.9) == (name, True)
+    (size,) = (of for of in effect.parameters if of["name"] == value)
+    assert abs(size["value"] - 15.0) < 4.0 * size["se"] < 8.0
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_mu_that_is_another_in_every_run_does_not_jump(seed: int) -> None:
+    """Ten draws around one value: no step."""
+    rng = np.random.default_rng(seed)
+    rows = lay_out(rng, (20.0,), 10)
+    mu = 4.0 * rng.normal(size=(11, 2))[rows.run]
+    rates = base_rates(rows, thermal=False) + rows.f[:, 2:] * mu
+    result = reconcile(campaign_of(rows, rates + rng.normal(0.0, 0.9, rates.shape)), "matrix-6", prove=False)
+    assert [effect.id for effect in result.effects] == ["MU_rr"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_triads_g_that_is_another_in_each_run_is_no_pier_that_turns(seed: int) -> None:
+    """Base motion was said of it at 100 %: no entry had it."""
+    rng = np.random.default_rng(seed)
+    runs, poses = 10, np.vstack([np.eye(3), -np.eye(3)])
+    run, f = np.repeat(np.arange(runs) + 1, 6), np.tile(poses, (runs, 1))
+    moved = np.einsum("nca,na->nc", 4.0 * rng.normal(size=(runs + 1, 3, 3))[run], f)
+    conditions = Conditions(
+        Sensor(1, ("X", "Y", "Z"), {"GX": "X", "GY": "Y", "GZ": "Z"}),
+        np.arange(len(run)) + 1,
+        run,
+        np.tile(["1", "2", "3", "4", "5", "6"], runs),
+        100.0 * np.arange(len(run)) + 3000.0 * run,
+        np.full(len(run), 60.0),
+        f,
+        np.zeros((len(run), 3)),
+        {},
+    )
+    rates = np.array([10.0, -5.0, 3.0]) + moved + rng.normal(0.0, 0.9, moved.shape)
+    result = reconcile(
+        Campaign("triad", "", {1: Collects(conditions, rates, np.full(rates.shape, 0.9))}), "triad-12", prove=False
+    )
+    assert [effect.id for effect in result.effects] == ["G_rr"]
+    assert [of["value"] for of in result.effects[0].parameters] == [pytest.approx(4.0, rel=0.4)]
