@@ -35,20 +35,23 @@ _BETTER = 6.0  # twice the log of how much likelier one of two makes what is see
 _DRIFT = 3  # order in time of what is no jump
 _SAME = 0.999  # of its square: a column that has so much of time is no other
 _UNSEEN = 1e-6  # of a column: what differs by less at any temperature explains nothing
-_LEAST = 2  # runs at least on the fewer side of a jump: of one alone it may be its own
 _JUMP = 2  # what is fitted of a jump: its size and its place
-TIME, _WAY = "time", "the way to a temperature"
+TIME, WAY = "time", "the way to a temperature"
 _NOTHING = 1e-12  # of the whole: what arithmetic leaves
 
 
 @dataclass(frozen=True)
 class Jump:
-    """By how much, in `unit`, a parameter is another somewhere between a run `before` and one `after`."""
+    """By how much, in `unit`, a parameter is another somewhere between a run `before` and one `after`.
+
+    `alone`: one run alone tells it, which may be another than all others.
+    """
 
     size: float
     unit: str
     before: int
     after: int
+    alone: bool = False
 
 
 @dataclass(frozen=True)
@@ -93,15 +96,16 @@ class BetweenRuns:
         return found
 
     def _jumps(self, names: Iterable[str]) -> list[str]:
-        by_place: dict[tuple[int, int], list[str]] = {}
+        by_place: dict[tuple[int, int, bool], list[str]] = {}
         for name in names:
             each = self.jumps[name]
-            several = by_place.setdefault((each.before, each.after), [])
+            several = by_place.setdefault((each.before, each.after, each.alone), [])
             several.append(f"{name}{'' if several else ' jumps'} by {each.size:+.3g} {each.unit}")
         asks = "hil reconcile asks what it is"
         return [
-            f"{listed(said)} between {numbered('run', [before])} and {numbered('run', [after])}: {asks}"
-            for (before, after), said in by_place.items()
+            f"{listed(said)} between {numbered('run', [before])} and {numbered('run', [after])}"
+            f"{', or in one run alone' * alone}: {asks}"
+            for (before, after, alone), said in by_place.items()
         ]
 
 
@@ -130,11 +134,11 @@ def between_runs(
             compared = visit[here] if differ[p] else here
             own = _Compared.of(values[here, p], sd[here, p], group[here], compared)
             columns, step = own.explained([(of, x[here]) for of, x in drivers])
-            if columns:
+            if columns and not (WAY in columns and differ[p]):  # what visits differ by is said of those
                 follow[name] = columns
             if step is not None:
                 first, last = (number[here[own.whose == k]] for k in (step.first, step.last))
-                jumps[name] = Jump(step.size, unit, int(first[-1]), int(last[0]))
+                jumps[name] = Jump(step.size, unit, int(first[-1]), int(last[0]), step.alone)
                 if told_by(conditions) is not None:
                     apart[name] = tuple(number[here[np.isin(group[here], step.groups)]].tolist())
     return BetweenRuns(follow, jumps, apart)
@@ -160,7 +164,7 @@ def _drivers(number: IntArray, visit: IntArray, conditions: Conditions) -> Itera
     degC = np.array([np.nan if at is None else at for at, _ in visits(conditions)])
     if np.isfinite(degC).all():
         for first in (-1.0, 1.0):  # from where the first was reached nobody knows
-            yield _WAY, np.sign(np.diff(degC, prepend=degC[0] - first))[visit][:, None]
+            yield WAY, np.sign(np.diff(degC, prepend=degC[0] - first))[visit][:, None]
     for name, column in conditions.columns.items():
         shown = of_each(column)
         if np.isfinite(shown).all() and np.ptp(shown) > 0.0:
@@ -169,12 +173,16 @@ def _drivers(number: IntArray, visit: IntArray, conditions: Conditions) -> Itera
 
 @dataclass(frozen=True)
 class _Step:
-    """A jump by `size` somewhere between two values, the `first` and the `last`, that parts values of some `groups`."""
+    """A jump by `size` somewhere between two values, the `first` and the `last`, that parts values of some `groups`.
+
+    `alone`: one value is all that there is on one side of it.
+    """
 
     size: float
     first: int
     last: int
     groups: IntArray
+    alone: bool
 
 
 @dataclass(frozen=True)
@@ -221,13 +229,14 @@ class _Compared:
         if best_step + _BETTER < best:
             k = int(np.argmin(of_steps))
             step, alike = int(there[k]), there[of_steps < best_step + _BETTER]
-            if _chance(float(left[k]), whole, freedom, 1) * among < _VERY_RARE and fewer[step] >= _LEAST:
+            if _chance(float(left[k]), whole, freedom, 1) * among < _VERY_RARE:
                 both = np.intersect1d(self.group[: step + 1], self.group[step + 1 :])
-                return (), _Step(float(product[step] / norm[step]), int(alike.min()), int(alike.max()) + 1, both)
+                size, alone = float(product[step] / norm[step]), bool(fewer[step] == 1)
+                return (), _Step(size, int(alike.min()), int(alike.max()) + 1, both, alone)
         elif best < best_step:
             _, shown, fitted = tried[int(np.argmin(of_drivers))]
             names = dict.fromkeys(name for (name, *_), of in zip(tried, of_drivers, strict=True) if of < best + _BETTER)
-            if _chance(whole - shown, whole, freedom, fitted) * among < RARE and _WAY not in names:
+            if _chance(whole - shown, whole, freedom, fitted) * among < RARE:
                 return tuple(names), None
         return (), None
 
@@ -239,7 +248,7 @@ class _Compared:
             basis = orthonormal(shown, _UNSEEN)
             if name == TIME and not time.size:
                 time = basis
-            same = name not in (TIME, _WAY) and np.sum((time.T @ basis) ** 2) > _SAME
+            same = name not in (TIME, WAY) and np.sum((time.T @ basis) ** 2) > _SAME
             if np.sum(shown**2) > _UNSEEN**2 * self.weight.sum() and not same:
                 yield name, float(np.sum((basis.T @ seen) ** 2)), basis.shape[1]
 

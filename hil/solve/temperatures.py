@@ -29,6 +29,7 @@ NARROWEST_DEGC = 1.0
 """Neighbours that are this close always belong to one temperature; setpoints that are further apart never do."""
 
 _SETPOINT = "setpoint_degC"
+_LEFT = 0.05  # of the square of what a thermometer showed: setpoints that leave more the unit did not follow
 _SIGMAS, _DIGIT_DEGC = 5.0, 0.03  # by which a slope is no jitter; and what a thermometer of one digit makes of none
 
 NOT_SETTLED = "the soak had not ended"
@@ -43,7 +44,7 @@ ELSEWHERE_DEGC = 2.0
 def same_temperature(conditions: Conditions, apart_degC: float | None = None) -> IntArray:
     """Number the temperatures of n collects, coldest first, shape (n,); -1 where a collect's is unknown.
 
-    The setpoint tells, if there is one and the unit followed it (setpoints explain most of what its thermometer showed,
+    The setpoint tells, if there is one and the unit followed it (setpoints explain all but little of what it showed,
     or most of it lies within `WIDEST_DEGC` of the middle at each); else the unit's own thermometer, or, where some lack
     it, what stands in for it in all; else the chamber's.
     Without any temperature all collects are of one. Given `apart_degC`, steps of more than that part two temperatures,
@@ -235,7 +236,7 @@ def told_by(conditions: Conditions, apart_degC: float | None = None) -> str | No
         return said[1]
     number = _numbered(setpoint[here], apart_degC or NARROWEST_DEGC)
     off = own[here] - np.array([np.median(own[here][number == place]) for place in range(number.max() + 1)])[number]
-    explained = np.sum(off**2) < 0.5 * np.sum((own[here] - own[here].mean()) ** 2)
+    explained = np.sum(off**2) < _LEFT * np.sum((own[here] - own[here].mean()) ** 2)
     return said[0] if explained or np.mean(np.abs(off) < WIDEST_DEGC) > 0.5 else said[1]
 
 

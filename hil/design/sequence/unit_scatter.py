@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from hil.campaign import Campaign
-from hil.solve.between_runs import TIME
+from hil.solve.between_runs import TIME, WAY
 from hil.solve.repeats import repeats
 from hil.solve.runs import solve_campaign
 
@@ -30,7 +30,7 @@ def scatter_of_unit(campaign: Campaign) -> dict[int, UnitScatter]:
     """Return what repeats show beyond standard errors of each sensor that has some."""
     out = {}
     for number, shown in repeats(campaign, solve_campaign(campaign)).items():
-        ages = [name for name, columns in shown.between.follow.items() if TIME in columns]
+        ages = [name for name, columns in shown.between.follow.items() if {TIME, WAY} & {*columns}]
         if shown.repeated:
             lasting = dict.fromkeys([*ages, *shown.between.jumps, *shown.of_visits])
             sizes = dict(zip(shown.names, shown.spread.beyond.tolist(), strict=True))

@@ -12,7 +12,7 @@ from hil.campaign import Campaign
 from hil.solve import repeats, solve_campaign
 from hil.solve.between_runs import NO_NOISE, Jump, between_runs
 from procedures.verdict import Verdict
-from tests.hil.solve.runs_of_a_unit import campaign, up_and_down, with_column, with_rates
+from tests.hil.solve.runs_of_a_unit import campaign, repeated, up_and_down, with_column, with_rates
 
 
 def visited(order: Sequence[int], seed: int = 0, scatter: float = 0.8) -> Campaign:
@@ -102,13 +102,24 @@ def test_a_drift_and_the_way_to_a_temperature_are_no_jump() -> None:
     assert any(said.startswith("MUA differs between visits") for said in repeats(made, solutions)[2].sentences())
 
 
-def test_one_run_alone_that_is_another_is_no_jump() -> None:
-    """The last run differs: from then on the unit may be another, or the run may be. Two that do are enough."""
+def test_of_one_run_alone_that_is_another_both_are_said() -> None:
+    """The last run differs: from then on the unit may be another, or the run may be. Two that do are a jump."""
     conditions, noise = visits_again().sensors[2].conditions, np.random.default_rng(0).normal(0.0, 1.0, (12, 1))
     runs = np.arange(1, 13)
-    for last, told in ((11, {}), (10, {"MUA": Jump(pytest.approx(50.0, abs=5.0), "deg/hr/g", 10, 11)})):
+    for last, alone in ((11, True), (10, False)):
         values = noise + 50.0 * (runs > last)[:, None]
-        assert between_runs({"MUA": "deg/hr/g"}, runs.tolist(), values, np.ones((12, 1)), conditions).jumps == told
+        found = between_runs({"MUA": "deg/hr/g"}, runs.tolist(), values, np.ones((12, 1)), conditions)
+        assert found.jumps == {"MUA": Jump(pytest.approx(50.0, abs=5.0), "deg/hr/g", last, last + 1, alone)}
+        assert ("or in one run alone" in found.in_words[0]) is alone
+
+
+def test_a_jump_inside_the_only_visit_to_a_temperature_is_told_by_how_little_the_others_differ() -> None:
+    """Two runs of three, or one, are another; those at other temperatures agree."""
+    for last in (4, 5):
+        made = with_mua(repeated(9, 3, (0, 1, 2, 2)), after(last, 15.0))
+        solutions = solve_campaign(made)
+        assert {each.run for each in solutions if each.verdict is Verdict.MARGINAL} == {4, 5, 6}
+        assert solutions[0].between.jumps["MUA"].before == last
 
 
 def test_where_no_temperature_was_recorded_a_jump_gives_no_verdict() -> None:
