@@ -68,8 +68,7 @@ class SensorRepeats:
     they have, and `noise_told` whether anything but those errors tells what noise there is. `to_record` are columns
     that nobody recorded and that what scatters beyond noise may follow. `of_means`: rows are printed means of runs,
     whose standard errors have what these scattered by. `temperature_degC` is that of every run that has one, by run,
-    whether or not it is in a mean. `of_visits` are parameters that differ between visits to a temperature,
-    `between` is what explains what runs of one differ by.
+    in a mean or not. `of_visits` are parameters that differ between visits to one, `between` what explains how.
     """
 
     names: tuple[str, ...]
@@ -174,27 +173,28 @@ class SensorRepeats:
                 said.append(f"{_ONCE}: each ± has what {_STATED}: {'; '.join(by_name)}")
             return [*(said or [f"{_ONCE}: what changes from run to run is not known, and in no ±"]), *self.widened]
         of, noise = self.spread, self.by_noise
-        told = [
-            f"{name} by {sd:.3g} {unit}" + f" ({stated:.2g} by noise)" * bool(stated > 0.0)
-            for name, unit, sd, stated, certain in zip(
-                self.names, self.units, of.observed, noise.stated, noise.certain, strict=True
-            )
-            if certain
-        ]
+
+        def by(some: BoolArray) -> list[str]:
+            every = zip(self.names, self.units, of.observed, noise.stated, some, strict=True)
+            return [
+                f"{n} by {sd:.3g} {u}{f' ({own:.2g} by noise)' * bool(own > 0)}" for n, u, sd, own, so in every if so
+            ]
+
+        told, may_be = by(noise.certain), by(of.beyond > noise.stated)
         every = of.degrees[noise.certain if told else of.degrees > 0]
         least = f"{every.min()} to " * bool(every.min() < every.max())
         freedom = f"{least}{counted(int(every.max()), 'degree')} of freedom"
         unknown = "" if self.told_by else "; no temperature was recorded, so that every run counts as a repeat"
         errors = self.noise_by("standard errors" if self.stated else "residuals")
         if told:
-            than = (
-                f"more than their {errors} say" if of.stated.any() else "and have neither standard errors nor residuals"
-            )
-            included = "each ± includes what noise does not explain (hil reconcile asks what it follows)"
-            more = f"{than} ({freedom}{unknown}): {'; '.join(told)}; {included}"
+            neither = "and have neither standard errors nor residuals"
+            than = f"more than their {errors} say" if of.stated.any() else neither
+            included = "; each ± includes what noise does not explain (hil reconcile asks what it follows)"
+            more = f"{than} ({freedom}{unknown}): {'; '.join(told)}{included}"
         else:
-            more = f"as their {errors} say, as far as {freedom} can tell{unknown}"
-        said = [f"repeats scatter {more}"] if told or not self.noise_in_words else []
+            by_more = f", though by more: {'; '.join(may_be)}; each ± includes that" * bool(may_be)
+            more = f"as their {errors} say, as far as {freedom} can tell{unknown}{by_more}"
+        said = [f"repeats scatter {more}"] if told or may_be or not self.noise_in_words else []
         said += [f"record {MAY_FOLLOW.format(listed(self.to_record))}"] if self.to_record else []
         return [*said, *self.between.not_judged, *self.cautions]
 

@@ -15,6 +15,7 @@ CONFIDENCE = 0.95
 """Of every interval that is stated."""
 RARE = 0.01
 """Chance of what is not put down to chance."""
+_ROUNDING = 1e-9  # of a square: less is arithmetic's
 _TINY = 1e-300
 
 
@@ -156,7 +157,8 @@ class Spread:
             weighed = np.sum(weight * (rows - total(share * rows)[at]) ** 2, axis=0)
             shows = weight * (1.0 - share)
             more = weighed - np.sum(shows * own, axis=0)
-            beyond = np.sqrt(np.maximum(more, 0.0) / np.maximum(shows.sum(axis=0), _TINY)) * (freedom > 0)
+            more = np.where(more > _ROUNDING * weighed, more, 0.0)
+            beyond = np.sqrt(more / np.maximum(shows.sum(axis=0), _TINY)) * (freedom > 0)
             return share, shows, weighed, np.fmin(beyond, observed)  # no part of it is more than the whole
 
         share, shows, weighed, beyond = by(weight)

@@ -68,6 +68,22 @@ def test_a_stated_uncertainty_is_made_of_the_noise_that_shows_whether_errors_are
         assert small.means[0].values[name].sd == pytest.approx(right.means[0].values[name].sd, rel=0.35)
 
 
+def test_what_repeats_scatter_by_within_chance_is_said_beside_the_standard_error_that_includes_it() -> None:
+    """Nothing was said of a ± of 3.3 beside noise of .5 but by how much standard errors are too small."""
+    made = of_errors(repeated(6, 2, (0, 1, 2)), 0.3)
+    of_run = np.zeros((2, 7))
+    of_run[1, 1:] = [-2.4, 2.4, -1.8, 1.8, -2.2, 2.2]
+    rows = made.sensors[2]
+    shown = seen(with_rates(made, rows.rates_deg_per_hr + of_run.T[rows.conditions.run]))
+    bb = shown.names.index("BB")
+    assert not shown.by_noise.certain[bb]
+    assert shown.noise_in_words
+    (said,) = (each for each in shown.sentences() if each.startswith("repeats scatter as"))
+    assert f"though by more: BB by {shown.spread.observed[bb]:.3g} deg/hr (" in said
+    assert said.endswith("each ± includes that")
+    assert np.all((shown.spread.beyond == 0.0) | (shown.spread.beyond > 1e-3)), "the rest of arithmetic is no scatter"
+
+
 def test_a_run_is_judged_beside_the_noise_that_its_sensors_repeats_show() -> None:
     """Where errors of one channel are a third of what repeats show no run FAILs; by what all lack each does."""
     made = of_errors(repeated(12, 3, (0, 1, 2, 0, 1, 2)))
