@@ -288,6 +288,10 @@ class Effect(Described):
         """Return what of `kin`, and what else, has the history in time that it has at this shape."""
         return self.kin
 
+    def begins_within(self, shape: Mapping[str, float]) -> Sequence[int]:
+        """Return the runs that it does not move as a whole: in them no parameter is one number."""
+        return ()
+
 
 class VarianceEffect(Described):
     """An effect that only scatters averages, without moving their mean. It has one parameter, its size."""

@@ -103,6 +103,10 @@ class _Steps(Effect):
             and not (shape["from_collect"] and shape["runs_held"])
         ]
 
+    def begins_within(self, shape: Mapping[str, float]) -> Sequence[int]:
+        """Return the run in which a step lies between two collects."""
+        return [int(shape["from_run"])] if shape.get("from_collect") else []
+
     def holds(self, conditions: Conditions, shape: Mapping[str, float]) -> FloatArray:
         """Return 1 in every row after the step, 0 elsewhere, (n,)."""
         within = conditions.run == shape["from_run"]

@@ -1,6 +1,6 @@
 """What a unit's parameters are without what was found and with it, and its campaign as it would be without it."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import replace
 from typing import Any
 
@@ -48,7 +48,7 @@ def before_and_after(
     out = []
     for number in sorted({candidate.sensor for candidate, _ in terms}):
         sensor, conditions = sensors[number], _steady(sensors[number].collects.conditions)
-        form, rates, acting = default_form(conditions), [], set[Effect]()
+        form, rates, acting, parted = default_form(conditions), [], set[Effect](), set[int]()
         for model, found in ((before, ()), (after, terms)):
             curves = base_curves(sensor, found, number in calibrated)
             known = tuple(term for term in model.terms if term.effect not in strange)
@@ -56,10 +56,11 @@ def before_and_after(
             may = [(term, [effect, *alike.get(effect.id, ())]) for term, effect in acts]
             own = [(term, of) for term, of in may if any(map(_is_of_parameters, of)) and not of[0].missing(conditions)]
             acting |= {effect for _, of in own for effect in of}
+            parted |= {run for term, (effect, *_) in own for run in effect.begins_within(term.shape)}
             changes = {"form": sensor.form.name, "sensors": {number: curves}, "terms": tuple(term for term, _ in own)}
             rates.append(model.model_copy(update=changes).rates(conditions) - conditions.w_channels_deg_per_hr)
         rows = []
-        for degC, run, here in _places(conditions, runs=any(effect.lasts for effect in acting)):
+        for degC, run, here in _places(conditions, parted, runs=any(effect.lasts for effect in acting)):
             of_all = form.columns(conditions.rows(here)).reshape(-1, len(form.names))
             told = [solve(of_all, of[here].reshape(-1), 1.0, rank_tolerance=OBSERVABLE).values for of in rates]
             was, now = (values.round(_DIGITS) + 0.0 for values in told)
@@ -96,14 +97,21 @@ def _steady(conditions: Conditions) -> Conditions:
     return replace(known, columns={**known.columns, OWN: own})
 
 
-def _places(conditions: Conditions, *, runs: bool) -> Iterator[tuple[float | None, int | None, BoolArray]]:
-    """Yield the coldest, middle and warmest temperature and its rows (n,), or those of its first and last whole run."""
+def _places(
+    conditions: Conditions, parted: Set[int], *, runs: bool
+) -> Iterator[tuple[float | None, int | None, BoolArray]]:
+    """Yield the coldest, middle and warmest temperature and its rows (n,), or those of its first and last whole run.
+
+    That is but for runs that are `parted`, where there are others.
+    """
     station = same_temperature(conditions)
     known = np.unique(station)
     for k in np.unique(known[[0, len(known) // 2, -1]]) if len(known) else ():
         degC = known_mean(conditions.columns[OWN][station == k])
         made, collects = np.unique(conditions.run[station == k], return_counts=True)
-        for run in np.unique(made[collects == collects.max()][[0, -1]]).tolist() if runs else (None,):
+        whole = made[collects == collects.max()]
+        whole = whole[~np.isin(whole, [*parted])] if {*whole.tolist()} - parted else whole
+        for run in np.unique(whole[[0, -1]]).tolist() if runs else (None,):
             here = (station == k) & (True if run is None else conditions.run == run)
             yield degC if np.isfinite(degC) else None, run, here
 

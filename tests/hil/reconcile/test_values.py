@@ -56,6 +56,19 @@ def test_the_temperature_is_that_of_the_curve_wherever_the_chamber_was_set() -> 
         assert each["after"] == pytest.approx(model.sensors[2][each["name"]].at(0.0) + own, abs=1e-3)
 
 
+def test_a_step_inside_a_run_is_no_other_parameter_of_that_run() -> None:
+    """A bias that jumps before the last collects of a run had been another GSA, GSB and MU of it."""
+    night = rotor_night(np.random.default_rng(3), {}, temperatures_degC=(20.0,), runs=4, run_to_run={}, white=1e-6)
+    rows, step = night.sensors[2], effect_by_id("jump")
+    others = {("GSA", None): 0.0, ("MUB", None): 0.0}
+    for from_run, told in ((3.0, {("BA", 1): 0.0, ("BA", 4): 12.0}), (4.0, {("BA", None): 0.0})):
+        shape = {"from_run": from_run, "from_collect": 1.0}
+        jumps = step.columns(rows.conditions, None, shape) @ np.array([12.0, 0.0])
+        stepped = replace(night, sensors={2: replace(rows, rates_deg_per_hr=rows.rates_deg_per_hr + jumps)})
+        found, _ = _values(stepped, "jump", (12.0, 0.0), **shape)
+        assert {(each["name"], each["run"]): round(each["after"], 3) + 0.0 for each in found} == {**told, **others}
+
+
 def test_what_goes_on_changing_with_time_is_said_in_the_first_and_the_last_run() -> None:
     """BA was 19.9, at a time six hours before the first of runs that rose from 24.6 to 72.8."""
     night = rotor_night(np.random.default_rng(4), {}, temperatures_degC=(25.0,), runs=9, run_to_run={}, white=1e-6)
