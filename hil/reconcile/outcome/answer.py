@@ -135,7 +135,7 @@ class Answer:
 
     @cached_property
     def noise(self) -> Sequence[dict[str, Any]]:
-        """What every channel's averages scatter by beside all that probably moves them: key `noise`."""
+        """What every channel's averages scatter by beside what moves them, found or probable: key `noise`."""
         model, beside = self.problem.model, self.fit
         if not self.reverted and (likely := likeliest_with(self.posterior, beside.found)) != beside.found:
             beside = fitted(self.posterior, likely)

@@ -87,10 +87,18 @@ def _sets_with(posterior: Posterior, name: str) -> list[tuple[Found, float]]:
 
 
 def likeliest_with(posterior: Posterior, found: Found) -> Found:
-    """Return the likeliest set that scatters as a found one and has its names, and more where that is more probable."""
+    """Return the likeliest set that scatters as a found one and has its names, and more where that is more probable.
+
+    More is what follows temperature: repeats do not differ by it. What they differ by scatters until it has a name.
+    """
     own = posterior.names(found)
-    alike = [each for each in posterior.sets if each.scatter == found.scatter and own <= posterior.names(each)]
-    most = next((each for each, _ in _by_names(posterior, alike)), found)
+
+    def alike(other: Found) -> bool:
+        further = [term for term in posterior.members(other) if term.called and term.called not in own]
+        known = other.scatter == found.scatter and own <= posterior.names(other)
+        return known and all(term.follows == "temperature" for term in further)
+
+    most = next((each for each, _ in _by_names(posterior, [*filter(alike, posterior.sets)])), found)
     return found if posterior.names(most) == own else most
 
 

@@ -121,6 +121,20 @@ def test_what_probably_moves_averages_and_is_not_called_missing_scatters_nothing
         assert unsure["run_offset_deg_per_hr"] == pytest.approx(sure["run_offset_deg_per_hr"])
 
 
+def test_what_repeats_differ_by_scatters_until_it_has_a_name() -> None:
+    """A warm-up that was no finding had left no noise, in a page that said "nothing but noise"; its repeats show it."""
+    rows = lay_out(np.random.default_rng(1), (20.0,), 4)
+    warming = 14.0 * np.exp(-(rows.start_s - rows.start_s.min()) / 1500.0)
+    rates = base_rates(rows, thermal=False) + warming[:, None] * [1.0, -0.6]
+    made = campaign_of(rows, rates + np.random.default_rng(2).normal(0.0, 0.9, rates.shape))
+    named, unnamed = (reconcile(made, "matrix-6", alpha=alpha, prove=False) for alpha in (0.3, 1e-9))
+    assert len(named.effects) == 1
+    assert unnamed.effects == []
+    for sure, unsure in zip(named.noise, unnamed.noise, strict=True):
+        assert unsure["under"] == "matrix-6"
+        assert unsure["run_offset_deg_per_hr"] > 2.0 > sure["run_offset_deg_per_hr"]
+
+
 @pytest.mark.slow
 def test_standard_errors_that_are_right_need_no_more() -> None:
     """Where averages scatter as stated the model that is written is the one that was read."""
