@@ -348,7 +348,7 @@ def test_that_a_model_states_too_much_noise_is_no_fault_of_the_standard_errors_a
 
 @pytest.mark.slow
 def test_what_is_said_of_standard_errors_beside_what_was_found_says_so() -> None:
-    """GS drifts through the night: hil solve, which knows nothing of it, cannot tell it from noise, and has no number."""
+    """GS drifts through the night: hil solve, which knows nothing of it, cannot tell it from noise: no number."""
     one = campaign(8, 4, seed=4, scatter=0.0)
     rows, own = one.sensors[2], one.sensors[2].conditions
     drifts = rows.rates_deg_per_hr + 10.0 * (own.start_s / own.start_s[-1])[:, None] * own.f_g[:, :2]
