@@ -15,6 +15,7 @@ from hil.model.forms import mu_columns
 
 _FEW_RUNS = 4  # beside so many others, a run that stands alone is not told from the others' scatter
 _FEWEST_CYCLES = 3
+_FELT_G = 0.1  # along the spin axis: what is less says next to nothing of MU
 _WITH_TEMPERATURE = MappingProxyType({"bias_T": 1.0})
 _WHITE_TYPICAL = {"RLG": (0.001, 0.1), "FOG": (0.002, 0.1), "DTG": (0.01, 0.1), "MEMS": (0.05, 0.5)}
 _WANDERING_TYPICAL = {"RLG": (0.001, 0.02), "FOG": (0.01, 1.5), "DTG": (0.02, 0.5), "MEMS": (0.5, 15.0)}
@@ -155,6 +156,11 @@ class AxialDriftJump(_Steps):
     confusable_with = ("jump", "MU_rr", "MU_T")
     kin = MappingProxyType({"MU_T": 1.0})
     experiment = "Collect 3 beside another position, many times at one temperature."
+
+    def shape_grid(self, conditions: Conditions) -> Sequence[Mapping[str, float]]:
+        """Return every place of a step with a collect before it that feels MU: else it is MU itself."""
+        feels = np.any(np.abs(mu_columns(conditions)) > _FELT_G, axis=(1, 2))
+        return [shape for shape in super().shape_grid(conditions) if np.any(feels > self.holds(conditions, shape))]
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
         return np.asarray(mu_columns(conditions) * self.holds(conditions, shape)[:, None, None])
