@@ -6,7 +6,8 @@ What all temperatures have in common is looked at first: a calibration's shift a
 of each temperature in all of them. That tells a drift from a jump (`hil.archive.trend`). Values are brought to the
 temperature at which the unit usually was, by its own dependence on it, so that a chamber that stood half a degree
 elsewhere is no jump; and where a jump differs between temperatures, it is said that the dependence has changed.
-A calibration that is INCONCLUSIVE or FAIL tells nothing of the unit, as everywhere, and is only listed.
+A mean that holds a run that is INCONCLUSIVE or FAIL tells nothing of the unit, as everywhere; a calibration with no
+other is only listed.
 """
 
 from __future__ import annotations
@@ -26,12 +27,14 @@ from hil.errors import InputError
 from hil.files.document import picked, plain
 from hil.files.strict import near
 from hil.solve.uncertain import Uncertain
+from procedures.verdict import NOT_GOOD
 from procedures.words import listed
 
 if TYPE_CHECKING:  # where no limits are known, nothing that reads them is loaded
     from hil.config.limits import Limits, ParameterLimits
 
 _MONTH_S = 365.25 / 12.0 * 86400.0
+_BY_MEANS = "of the unit what its means without such runs do"
 _SIGMAS = 3.0  # chance passes control limits as rarely
 _AHEAD_MONTHS = np.linspace(0.0, 120.0, 1201)
 
@@ -64,9 +67,9 @@ def history(index: Index, serial: str, model: str | None = None, limits: Limits 
     good = calibrations(good)
     used = [each for each in good if each.good]
     said += [
-        f"{each.name}: is {each.verdict} and tells nothing of the unit: {each.reason}"
+        f"{each.name}: is {each.verdict} and tells {_BY_MEANS if each.good else 'nothing of the unit'}: {each.reason}"
         for each in good
-        if each not in used
+        if each.verdict in NOT_GOOD
     ]
     settings = index.settings([each.settings for each in good])
     if limits is None and good:

@@ -27,7 +27,7 @@ from hil.errors import InputError
 if TYPE_CHECKING:  # a list of units loads no arithmetic
     from hil.solve.uncertain import Uncertain
 
-_VERSION = 3
+_VERSION = 4
 _BUSY_S = 30.0
 _TABLES = Path(__file__).with_name("index.sql")
 
@@ -36,7 +36,7 @@ _TABLES = Path(__file__).with_name("index.sql")
 class Entry:
     """An entry as the index has it; `trouble` is why it cannot be read, and then only `name` and `serial` are known.
 
-    `good` says that the measurement tells something of the unit: it is neither INCONCLUSIVE nor FAIL.
+    `good` says that it tells something of the unit: some mean of it holds no run that is INCONCLUSIVE or FAIL.
     """
 
     name: str

@@ -4,13 +4,14 @@
     done["read"], done["gone"], done["cannot_be_read"]     # entries, and why
 
 Each entry is one transaction, so a process that is killed leaves an index of whole entries. Numbers are those of `hil
-solve`, the means and their uncertainty what repeats show.
+solve`, the means and their uncertainty what repeats show. A mean that holds a run that is INCONCLUSIVE or FAIL is no
+number to rely on, as the report says, and is not taken in; the others of its campaign are.
 """
 
 import hashlib
 import json
 import sqlite3
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Set
 from pathlib import Path
 from typing import Any
 
@@ -71,7 +72,8 @@ def _read(connection: sqlite3.Connection, archive: Path, name: str, now: str) ->
     try:
         facts, campaign, configuration = read_entry(archive, name)
         solutions = solve_campaign(campaign)
-        means = list(_means(name, repeats(campaign, solutions)))
+        bad = {(each.sensor, run) for each in solutions if each.verdict in NOT_GOOD for run in each.runs}
+        means = list(_means(name, repeats(campaign, solutions), bad))
         text = json.dumps(_settings(facts, configuration), sort_keys=True)
         judged = night_verdict(str(facts["state"]), solutions)
         known = Entry(
@@ -90,7 +92,7 @@ def _read(connection: sqlite3.Connection, archive: Path, name: str, now: str) ->
             collects=sum(map(len, campaign.sensors.values())),
             whence=str(facts["from"]),
             settings=hashlib.sha256(text.encode()).hexdigest(),
-            good=judged.verdict not in NOT_GOOD,
+            good=bool(means),
         )
     except (InputError, OSError, KeyError, TypeError, ValueError) as error:
         known, means, text = Entry(name, now, serial_of(name), str(error) or repr(error)), [], ""
@@ -105,10 +107,13 @@ def _read(connection: sqlite3.Connection, archive: Path, name: str, now: str) ->
             connection.execute("INSERT OR IGNORE INTO settings VALUES (?, ?)", (entry["settings"], text))
 
 
-def _means(name: str, shown: Mapping[int, SensorRepeats]) -> Iterator[tuple[Any, ...]]:
+def _means(name: str, shown: Mapping[int, SensorRepeats], bad: Set[tuple[int, int]]) -> Iterator[tuple[Any, ...]]:
+    """Yield the means that hold none of the runs that are `bad`, by sensor."""
     for number, of_sensor in shown.items():
         for mean in of_sensor.means:
             for parameter, of in mean.values.items():
+                if any((number, run) in bad for run in of_sensor.runs_of(mean, parameter)):
+                    continue
                 known = (plain(of.sd), plain(of.freedom), of.runs, of.unit, of.beyond)
                 yield name, number, parameter, mean.temperature_degC, plain(mean.own_degC), of.value, *known
 

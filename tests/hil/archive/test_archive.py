@@ -123,6 +123,26 @@ def test_the_index_says_what_solve_says(archive: Path, measured: Campaign) -> No
         assert own_degC == find_stations(campaign.sensors[number].conditions).centre_degC.tolist()
 
 
+def test_a_run_that_is_not_good_costs_the_means_that_hold_it(measured: Campaign, tmp_path: Path) -> None:
+    """As in the report; its other temperatures are numbers to rely on, and were said to tell nothing of the unit."""
+    told = {}
+    for word in (Verdict.PASS, Verdict.INCONCLUSIVE, Verdict.FAIL):  # one that FAILs is in no mean
+        source = write_campaign(replace(of_life(measured, 1), verdicts={1: Judgement(word, "why")}), tmp_path / word)
+        entry = take_up(archive := tmp_path / f"archive of {word}", source).entry
+        update(archive)
+        with opened_index(archive) as index:
+            found = history(index, "0042")
+            told[word] = {(each.sensor, each.parameter, each.temperature_degC) for each in index.means("0042")}
+        assert [each["used"] for each in found["campaigns"]] == [True]
+        is_told = f"{entry}: is {word} and tells of the unit what its means without such runs do: 2 of 8 solutions"
+        assert [is_told in each for each in found["said"]] == [True] * (word is not Verdict.PASS)
+    shown = repeats(campaign := of_life(measured, 1), solve_campaign(campaign))
+    its = {(n, name, mean.temperature_degC) for n, of in shown.items() for mean in of.means for name in mean.values}
+    holds_it = {(n, mean.temperature_degC) for n, of in shown.items() for mean in of.means if 1 in mean.runs}
+    assert told[Verdict.PASS] == told[Verdict.FAIL] == its
+    assert told[Verdict.INCONCLUSIVE] == {each for each in its if (each[0], each[2]) not in holds_it}
+
+
 def test_a_unit_of_which_nothing_is_usable_has_no_table_of_findings(
     measured: Campaign, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
