@@ -258,6 +258,7 @@ class Reconciliation:
     twin: Mapping[str, Any] | None = None
     tested: bool = True
     contradicted: Sequence[int] = ()
+    warned: bool = False  # whether its records have warnings, which may ask for something
     doubtful: Mapping[str, Sequence[int]] = field(default_factory=dict)  # by verdict, runs that are not measured well
     without: Mapping[str, Any] = field(default_factory=dict)  # which runs are in no search or had not settled
     solved: Solved = field(default_factory=Solved)  # what `hil solve` says of these collects

@@ -37,6 +37,11 @@ _DO = {
     Verdict.INCONCLUSIVE: "Do not rely on",
     Verdict.MARGINAL: "Look at the reasons before using",
 }
+_LACKS = (
+    "Ask hil reconcile what the model lacks: measured again it lacks the same. Where it names nothing, standard errors "
+    "are too small: repeat these collects, so that it can be told what scatters; until then use the ± here all the "
+    "same, which allow for it."
+)
 _UNSEEN_DEG = 5.0  # an error of the site that nobody makes who has looked at a map or a compass
 
 
@@ -166,9 +171,10 @@ def to_do(content: ReportContent) -> Iterator[str]:
         yield f"{night.to_do}; what is missing is listed below."
     wrong = of_sensors_in_words(not_passed_of(content.solutions))
     yield from (f"{_DO[Verdict(verdict)]} {runs}." for verdict, runs in wrong)
-    lacks = {each.exceeds_errors and each.settled for each in content.solutions if each.verdict in NOT_GOOD}
+    wrong_by = [(each, cause) for each in content.solutions for cause in each.causes if cause.verdict in NOT_GOOD]
+    lacks = {cause is each.judged and each.exceeds_errors and each.settled for each, cause in wrong_by}
     if True in lacks:
-        yield "Ask hil reconcile what the model lacks: measured again it lacks the same."
+        yield _LACKS
     if False in lacks:
         yield f"Mend what {'else ' * (True in lacks)}is said under Why; then measure again."
     if misstated := [sensor.number for sensor in content.sensors if sensor.shown.misstated]:

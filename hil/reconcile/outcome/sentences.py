@@ -83,7 +83,8 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
     first += [f"what {follow} follows: runs of one temperature differ less (hil thermal)"] if follow else []
     first += [f"a record of {MAY_FOLLOW.format(listed(own))}" for own in [result.to_record] if own]
     act = _ACT["open" if kind == "ambiguous" and not result.next_experiment else kind]
-    act = "The model itself lacks nothing that can be told." if kind == "none" and first else act
+    if kind == "none" and (first or result.warned):
+        act = "The model itself lacks nothing that can be told." if first else _ACT["warned"]
     act = _ACT["errors"] if kind == "scatter" and result.left.small else act
     if useless := sorted(map(int, result.without.get("runs_used_though_failed", {}))):
         found = {number for effect in result.effects for number in effect.sensors}

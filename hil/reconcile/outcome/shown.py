@@ -84,6 +84,7 @@ def shown(campaign: Campaign, found: Answer) -> Reconciliation:
         rows=found.rows,
         tested=found.tested,
         contradicted=sorted({run for run, _ in asked.contradicted}),
+        warned=bool(asked.warnings),
         doubtful=_doubtful(asked),
         without=beside,
         solved=found.solved,

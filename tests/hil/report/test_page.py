@@ -15,10 +15,14 @@ from benchmarks.blind.cases import Case, make_case, write_case
 from benchmarks.blind.night import Design
 from hil.campaign.reader import read_campaign
 from hil.config.sweep import PUBLISHED
+from hil.reconcile.outcome.sentences import what_to_do
+from hil.reconcile.result import Solved
+from hil.reconcile.workflow import reconcile
 from hil.report.content import gather, headline, to_do
 from hil.report.page import render
 from hil.solve.temperatures import runs_by_temperature
 from procedures.verdict import Judgement, Verdict
+from tests.hil.solve.runs_of_a_unit import campaign
 
 
 @pytest.fixture(scope="module")
@@ -132,11 +136,38 @@ def test_what_is_the_same_in_every_run_is_not_to_be_measured_again(folder: Path)
     failed = Judgement(Verdict.FAIL, "in any words")
     moved: dict[str, Any] = {"beside": (failed,)}
     lacks: dict[str, Any] = {"judged": failed, "chi_square": 300.0, "degrees_of_freedom": 8, "settled": True}
-    late = lacks | {"settled": False}
+    late, both = lacks | {"settled": False}, lacks | {"beside": (replace(failed),)}
     for odd, said in ((moved, "then measure again"), (lacks, "hil reconcile"), (late, "then measure again")):
         sensors = [replace(of, solutions=[replace(e, **odd) for e in of.solutions]) for of in content.sensors]
         do = [each for each in to_do(replace(content, sensors=sensors)) if not each.startswith("Do not use")]
         assert [said in each for each in do] == [True]
+    sensors = [replace(of, solutions=[replace(e, **both) for e in of.solutions]) for of in content.sensors]
+    assert [each.partition(" ")[0] for each in to_do(replace(content, sensors=sensors))] == ["Do", "Ask", "Mend"]
+
+
+def test_nobody_is_sent_in_a_circle_and_what_warnings_ask_for_has_to_be_done(reference_data: Path) -> None:
+    """A log of which hil reconcile names nothing: by both its ± may be used until it is repeated, and allow for it."""
+    campaign = read_campaign(reference_data / "campaigns" / "mpu9150-unit1")
+    found = reconcile(campaign, "triad-12", prove=False)
+    hence = "repeat these collects, so that it can be told what scatters; until then use the ± "
+    said = " ".join(to_do(gather(campaign))), what_to_do(found)[1]
+    assert [hence in each.lower() and "which allow for it" in each for each in said] == [True, True]
+    sound = replace(found, left=Solved())
+    assert any("fill w_* by latitude and heading" in each for each in sound.notes)
+    assert what_to_do(sound)[1].startswith("Nobody has to act, but on what the warnings ask for (notes).")
+    assert what_to_do(replace(sound, warned=False))[1].startswith("Nobody has to act. ")
+
+
+def test_what_cautions_ask_for_is_not_nothing() -> None:
+    """The first screen of a sound campaign sends on to them; where there are none, nothing has to be done."""
+    content = gather(campaign(12, 3, seed=1, scatter=0.0))
+    told = [render(replace(content, campaign=replace(content.campaign, warnings=of))) for of in ((), ("fill w_*",))]
+    said = [re.sub(r"<[^>]+>", "", each) for each in told]
+    assert ["Nothing has to be done." in each for each in said] == [True, False]
+    assert ["Nothing has to be done, but what the cautions ask for: read the cautions" in each for each in said] == [
+        False,
+        True,
+    ]
 
 
 def test_without_temperatures_all_runs_are_one_group(case: Case, tmp_path: Path) -> None:
