@@ -173,12 +173,13 @@ def clipped(collects: Collects) -> Iterator[tuple[int, BoolArray, str]]:
         known = telling | _written_finely(rates, collects.rates_se_deg_per_hr[:, channel])
         for own in collects.conditions.of_each_run.values():
             rows = own[known[own]]
-            if len(rows) < _SAME_ROWS or np.ptp(rates[rows]) != 0.0:
-                continue
-            # A round value that others show as well, or that is the channel's extreme, is a limit.
-            level, within = float(rates[rows[0]]), np.nanmin(rates) < rates[rows[0]] < np.nanmax(rates)
-            if telling[rows].all() or (within and len(rows) == np.sum(rates == level)):
-                at_level.setdefault(level, []).append(rows)
+            if len(rows) >= _SAME_ROWS and np.ptp(rates[rows]) == 0.0:
+                at_level.setdefault(float(rates[rows[0]]), []).append(rows)
+        for level, of in [*at_level.items()]:
+            # A round value that runs show beside others, or that is the channel's extreme, is a limit.
+            dead = np.nanmin(rates) < level < np.nanmax(rates) and sum(map(len, of)) == np.sum(rates == level)
+            if not (dead or telling[of[0]].all()):
+                del at_level[level]
         moving = np.isfinite(rates)
         if moving.sum() >= 2 * _SAME_ROWS and np.ptp(rates[moving]) == 0.0:
             at_level = {float(rates[moving][0]): [np.flatnonzero(moving)]}  # in run after run, however round it is
@@ -254,7 +255,7 @@ def _limits(campaign: Campaign) -> Iterator[_Found]:
             yield [collects], beyond, f"{words}; are they in deg/hr?"
         for name, own, errors, earth in zip(
             collects.conditions.sensor.channels,
-            collects.rates_deg_per_hr.T,
+            unclipped(collects).rates_deg_per_hr.T,  # of what stands still it is said already
             collects.rates_se_deg_per_hr.T,
             collects.conditions.w_channels_deg_per_hr.T,
             strict=True,

@@ -153,6 +153,8 @@ def _told(together: Together, k: int, known: Sequence[Wrong], failed: Set[int]) 
     rows, filed = [*known], collects
     judged = {each.run: [Judgement(Verdict.FAIL, each.why)] for each in known if each.done == MENDED}
     for each in found:
+        if each.likeliest and each.likeliest.what == "run" and each.likeliest.run in failed:
+            continue  # nothing more is known of it than that it is not to be used
         for run, wrong, judgement in _said(filed, each):
             judged.setdefault(run, []).append(judgement)
             rows.append(wrong)

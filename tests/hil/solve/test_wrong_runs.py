@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from hil.campaign import Campaign, Collects
+from hil.campaign.plausibility import judged_by_its_records
 from hil.solve import repeats, solve_campaign
 from hil.solve.wrong_rows import LEFT_OUT, MENDED, USED, wrong_rows
 from procedures.verdict import Judgement, Verdict
 from tests.hil.reconcile.hidden_effects import base_rates, campaign_of, lay_out, noise
-from tests.hil.solve.runs_of_a_unit import campaign, with_rates
+from tests.hil.solve.runs_of_a_unit import campaign, repeated, with_rates
 from tests.hil.solve.test_wrong_rows import made
 
 
@@ -44,6 +45,26 @@ def test_a_run_of_which_nothing_holds_is_in_no_mean_and_widens_no_other() -> Non
     assert solved[5].verdict is Verdict.INCONCLUSIVE
     assert "in no mean" in solved[5].reason
     assert {each.verdict for run, each in solved.items() if run != 5} == {Verdict.PASS}
+    known = replace(wrong, verdicts={5: Judgement(Verdict.FAIL, "frames were lost")})  # of which that is said already
+    assert (wrong_rows(known)[2].rows, wrong_rows(known)[2].apart) == ((), {5})
+    assert {each.run: each.reason for each in solve_campaign(known)}[5].startswith("frames were lost")
+    assert "in no mean" not in {each.run: each.reason for each in solve_campaign(known)}[5]
+
+
+def test_a_channel_that_stands_at_one_number_in_many_runs_measured_nothing() -> None:
+    """A round one, that every run of the second half shows: the other channel turns with the unit, and is used."""
+    one = repeated(8, 4, (0, 1, 2, 3, 4))
+    rates, late = one.sensors[2].rates_deg_per_hr.round(4), one.sensors[2].conditions.run > 4
+    rates[late, 0] = -7.25
+    judged = judged_by_its_records(with_rates(one, rates))
+    assert judged.warnings == ("collects 21–40: sensor 2: RA: every rate is exactly -7.25: nothing was measured",)
+    assert sorted(judged.contradicted) == [(run, 2) for run in range(5, 9)]
+    for each in (of for of in solve_campaign(judged) if of.run is not None and of.run > 4):
+        assert each.verdict is Verdict.FAIL
+        assert "more than one does not agree" not in each.reason
+        assert [name for name, of in each.parameters.items() if of.value is not None] == ["BB", "GSB", "MUA"]
+    rates[3, 0] = -7.25  # as a limit is shown beside other numbers
+    assert not any("exactly" in each for each in judged_by_its_records(with_rates(one, rates)).warnings)
 
 
 @pytest.mark.parametrize(("seed", "of_a", "of_b"), [(2, 30.0, -40.0), (7, 30.0, -40.0), (6, 25.0, 25.0)])
