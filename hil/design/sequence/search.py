@@ -13,17 +13,20 @@ base sweep's; it takes most of the time.
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from itertools import product
 
 import numpy as np
 
 from hil.campaign import FloatArray
-from hil.config.bench import Bench
-from hil.config.sweep import LONGEST_DAYS, MOST_OF_ONE, Sweep, check_sweep_against_bench
+from hil.config.bench import Bench, load_bench
+from hil.config.sweep import LONGEST_DAYS, MOST_OF_ONE, Sweep, check_sweep_against_bench, load_sweep
 from hil.design.budget.budget import analytic_share, response
 from hil.design.budget.sources import Scene, sources
 from hil.design.sequence.sequences import Worth, palindromes, scene_of, sequence_worth, sequences
 from hil.errors import InputError
+from hil.files.strict import config_folders
 from hil.files.units import RATE, to_number
 from hil.model import load_model
 from hil.model.forms import LinearForm, default_form
@@ -290,9 +293,25 @@ def spelled_out(sizes: Mapping[str, float], known: Iterable[str]) -> dict[str, f
     for name, value in sizes.items():
         members = [name] if name in names else [each for each in names if each.startswith(name)]
         if not members:
-            raise InputError(f"there is no parameter {name}; there are {', '.join(names)}, and B, GS, MU for several")
+            there = f"there is no parameter {name}; there are {', '.join(names)}, and B, GS, MU for several"
+            raise InputError(f"{there}{_shipped_with(name)}")
         found |= dict.fromkeys(members, value)
     return found
+
+
+def _shipped_with(name: str) -> str:
+    """Say of which sweep and bench that ship with hil a parameter is, or several that begin so; empty of none."""
+    kinds = [
+        sorted(file for of in config_folders(kind) for file in of.glob("*.yaml")) for kind in ("sweeps", "benches")
+    ]
+    for of_sweep, of_bench in product(*kinds):
+        sweep, bench = load_sweep(of_sweep), load_bench(of_bench)
+        with suppress(InputError):  # whose positions are not the sweep's
+            check_sweep_against_bench(sweep, bench)
+            scenes = [scene_of(bench, number, sweep.positions, sweep.collect) for number in bench.sensors]
+            if any(own.startswith(name) for of in scenes for own in default_form(of.conditions).names):
+                return f"; {name} is told by hil design {of_sweep.stem} --bench {of_bench.stem}"
+    return ""
 
 
 def _lacks(

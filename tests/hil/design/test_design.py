@@ -298,7 +298,12 @@ def test_a_triad_of_six_poses_keeps_its_whole_model(tmp_path: Path) -> None:
 def test_what_cannot_be_is_refused_in_a_sentence(sweep: Any) -> None:
     """An unknown parameter or sensor, too little time, and targets that are none."""
     bench = load_bench("simulated")
-    with pytest.raises(InputError, match="there is no parameter MUX"):
+    for name in ("GXX", "GYZ", "GX"):  # of a triad, which is no parameter of this bench: what has it is said
+        with pytest.raises(
+            InputError, match=f"; {name} is told by hil design triad-six-positions --bench espec-stim300-example$"
+        ):
+            propose(sweep, bench, Goal({name: 0.5}))
+    with pytest.raises(InputError, match=r"there is no parameter MUX.*for several$"):
         propose(sweep, bench, Goal({"MUX": 1.0}))
     with pytest.raises(InputError, match="has no sensor 3"):
         propose(sweep, bench, Goal({}, sensors=(3,)))
