@@ -21,6 +21,7 @@ from hil.files.units import DIFFERENCE, FREQUENCY, RATE, TIME, Kind, to_number
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from hil.config import Bench
     from hil.design.sequence.unit_scatter import UnitScatter
 
 
@@ -234,7 +235,7 @@ def design(
         check_new(out)
     time_s = None if within is None else quantity("--within", within, TIME)
     showing = scatter_of_unit or ()
-    shown = {n: of for text in showing if Path(text).is_dir() for n, of in _scatter_of(text).items()}
+    shown = {n: of for text in showing if Path(text).is_dir() for n, of in _scatter_of(text, its_bench).items()}
     asked = Goal(
         dict(parse_target(text) for text in goal or ()),
         drift_immune,
@@ -254,14 +255,16 @@ def design(
     return Answer(document, told(document, out=out))
 
 
-def _scatter_of(folder: str) -> dict[int, UnitScatter]:
+def _scatter_of(folder: str, bench: Bench) -> dict[int, UnitScatter]:
     """Return how each sensor of a night or campaign scatters, by its repeats; raise `InputError` where it has none."""
     from hil.design.sequence.unit_scatter import scatter_of_unit
 
     told = scatter_of_unit(read_source(Path(folder)))
     if not told:
         raise InputError(f"--scatter {folder}: nothing was repeated there, so it does not tell what runs differ by")
-    warn([f"--scatter {folder}: sensor {n}: {said}" for n, of in told.items() for said in of.said])
+    absent = f"is not on bench {bench.name}: how it scatters is not used"
+    every = [(n, said) for n, of in told.items() for said in ([absent] * (n not in bench.sensors) or of.said)]
+    warn([f"--scatter {folder}: sensor {n}: {said}" for n, said in every])
     return told
 
 

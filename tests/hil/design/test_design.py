@@ -371,3 +371,6 @@ def test_what_explains_the_scatter_of_a_folder_is_said(tmp_path: Path, capsys: p
     asked = ["design", "quick", "--sensor", "2", "--scatter", str(tmp_path / "jumps")]
     assert run(asked) == 0
     assert "sensor 2: MUA jumps by +2" in capsys.readouterr().err
+    of_a_triad = ["design", "triad-six-positions", "--bench", "espec-stim300-example", *asked[4:]]
+    assert run(of_a_triad) == 0
+    assert "sensor 2: is not on bench" in capsys.readouterr().err
