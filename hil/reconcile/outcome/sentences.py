@@ -86,10 +86,11 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
     if kind == "none" and (first or result.warned):
         act = "The model itself lacks nothing that can be told." if first else _ACT["warned"]
     act = _ACT["errors"] if kind == "scatter" and result.left.small else act
-    if useless := sorted(map(int, result.without.get("runs_used_though_failed", {}))):
-        found = {number for effect in result.effects for number in effect.sensors}
+    useless = sorted(map(int, result.without.get("runs_used_though_failed", {})))
+    nothing = bool(useless) and {number for effect in result.effects for number in effect.sensors} <= {*useless}
+    if useless:
         said_of = f"Use nothing of {numbered('sensor', useless)}: every run FAILed by what was recorded."
-        act = said_of if found <= {*useless} else f"{said_of} {act}"
+        act = said_of if nothing else f"{said_of} {act}"
     if kind == "scatter":
         of = {n: [run for run in runs if run in beyond] for n, runs in result.left.of_sensors.get("FAIL", {}).items()}
         where = ", ".join(told for _, told in of_sensors_in_words({"FAIL": of}))
@@ -108,7 +109,7 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
         doubts = ", ".join(told for _, told in of_sensors_in_words(result.solved.of_sensors, set()))
         act += f" That is by the noise that the model states; hil solve without --model does not pass {doubts}."
     warmth = result.calibrated or dict(result.follows).get("temperature", 0.0) > LIKELY
-    likely = kind in {"none", "named", "ambiguous"} and warmth
+    likely = kind in {"none", "named", "ambiguous"} and warmth and not nothing
     added = [effect for effect in result.effects if not effect.mends_labels]
     warm = {each.id for each in entries() if each.follows == "temperature"}
     untold = {rival.id for effect in added for rival in effect.confusable_with if rival.untold}

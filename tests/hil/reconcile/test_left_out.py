@@ -169,8 +169,10 @@ def test_nothing_that_could_be_tested_is_said_to_be_so() -> None:
     found = replace(result, tested=True, verdict="named", effects=[swap, drift])
     assert what_to_do(found)[1].startswith("First see to what the record has wrong of labels and signs (below).")
     assert "First see to" not in what_to_do(replace(found, effects=[swap]))[1]
-    told = what_to_do(replace(found, effects=[drift], without={"runs_used_though_failed": {"2": [1]}}))[1]
-    assert told == "Use nothing of sensor 2: every run FAILed by what was recorded."
+    for calibration in ("one set", "per temperature"):
+        useless = replace(found, calibration=calibration, without={"runs_used_though_failed": {"2": [1]}})
+        told = what_to_do(replace(useless, effects=[drift], solved=Solved(temperatures=5)))[1]
+        assert told == "Use nothing of sensor 2: every run FAILed by what was recorded."
     told = what_to_do(replace(found, effects=[drift], without={"runs_used_though_failed": {"1": [1]}}))[1]
     assert told.startswith("Use nothing of sensor 1: every run FAILed by what was recorded. Use the improved model")
     quiet = replace(result, tested=True, **dict.fromkeys(("solved", "left"), Solved({"INCONCLUSIVE": {"2": [1, 2]}})))

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import yaml
 
-from hil.campaign import FloatArray
+from hil.campaign import FloatArray, Sensor
 from hil.config import Bench
 from hil.model import load_model
 from hil.model.effects.catalogue import VARIANCE_EFFECTS, variance_effect_by_id
@@ -21,6 +21,9 @@ from tests.hil.twin.quiet import SILENT, averages, quiet_bench
 from tests.hil.twin.test_twin_noise import _devices, _night
 
 _SIZE = 3.0
+_OF_A_ROTOR = [
+    each.id for each in VARIANCE_EFFECTS if each.applies_to(Sensor(2, ("A", "B", "S"), {"A": "A", "B": "B"}))
+]
 _COLD = {  # where frost and retainer noise are at work
     "start": {"temperature": "-4 degC", "powered_for": "10 h"},
     "noise": SILENT | {"new_run_after_rest": "100 s"},
@@ -72,7 +75,7 @@ def misfit(folder: Path, effect: str, seeds: int, runs: int) -> tuple[FloatArray
     return total / degrees, 5.0 * np.sqrt(2.0 / degrees)
 
 
-@pytest.mark.parametrize("effect", [each.id for each in VARIANCE_EFFECTS])
+@pytest.mark.parametrize("effect", _OF_A_ROTOR)
 def test_averages_scatter_as_the_model_states(effect: str, tmp_path: Path) -> None:
     """Every effect by its id: its size, which rows it joins, how long it remembers."""
     found, allowed = misfit(tmp_path, effect, *((5, 1) if effect == "turnon" else (1, 8)))
@@ -80,7 +83,7 @@ def test_averages_scatter_as_the_model_states(effect: str, tmp_path: Path) -> No
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("effect", [each.id for each in VARIANCE_EFFECTS])
+@pytest.mark.parametrize("effect", _OF_A_ROTOR)
 def test_averages_scatter_as_the_model_states_over_many_nights(effect: str, tmp_path: Path) -> None:
     """To a seventh and better."""
     found, allowed = misfit(tmp_path, effect, *((60, 2) if effect == "turnon" else (10, 12)))
@@ -117,7 +120,7 @@ def test_scatter_of_one_effect_does_not_depend_on_what_else_scatters(tmp_path: P
 
 def test_the_bytes_of_a_scattering_unit_do_not_depend_on_how_often_it_is_polled(tmp_path: Path) -> None:
     """All effects at once, two of them twice; a later part of the night gives other bytes."""
-    entries = [scattering(each.id) for each in VARIANCE_EFFECTS] + [scattering("markov"), scattering("arw")]
+    entries = [scattering(each) for each in (*_OF_A_ROTOR, "markov", "arw")]
     bench = scattering_bench(tmp_path, entries)
     often = [*np.arange(397.0, 470.0, 3.7).tolist(), 480.0]
     first, again, later = (
