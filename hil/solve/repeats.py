@@ -29,7 +29,7 @@ from hil.campaign import BoolArray, Campaign, Collects, Conditions, FloatArray, 
 from hil.files.numbers import degrees
 from hil.solve.between_runs import BetweenRuns
 from hil.solve.precision import stated_noise, to_record_of
-from hil.solve.residuals import Changes, noise_left, shares_of
+from hil.solve.residuals import Changes, larger_somewhere, noise_left, shares_of
 from hil.solve.runs import Estimate, RunSolution
 from hil.solve.temperatures import (
     nearest,
@@ -49,7 +49,7 @@ Grouping = Callable[[Conditions], Sequence[tuple[float | None, tuple[int, ...]]]
 MAY_FOLLOW = "{} in every collect, which what changes from run to run may follow"
 OF_MEANS = "each row is a mean of runs: by what these scattered is in its standard error, and so in every ±"
 _ONCE = "no parameter was told twice at one temperature"
-_STATED = "the model states to scatter from run to run"
+_NEITHER = "and have neither standard errors nor residuals"
 MISSTATED = 1.5
 """How many times as large noise has to be for anybody to see to it: it is known hardly better from unit to unit."""
 
@@ -67,8 +67,8 @@ class SensorRepeats:
     residuals make of the noise of rates without errors, NaN where they have some or nothing tells it, `stated` whether
     they have, and `noise_told` whether anything but those errors tells what noise there is. `to_record` are columns
     that nobody recorded and that what scatters beyond noise may follow. `of_means`: rows are printed means of runs,
-    whose standard errors have what these scattered by. `temperature_degC` is that of every run that has one, by run,
-    in a mean or not. `of_visits` are parameters that differ between visits to one, `between` what explains how.
+    whose standard errors have what these scattered by. `temperature_degC` is that of every run that has one;
+    `of_visits` parameters differ between visits to one, `between` says by what, `left_larger` where residuals do.
     """
 
     names: tuple[str, ...]
@@ -92,6 +92,7 @@ class SensorRepeats:
     temperature_degC: Mapping[int, float] = field(default_factory=dict)
     of_visits: Sequence[str] = ()
     between: BetweenRuns = field(default_factory=BetweenRuns)
+    left_larger: Sequence[str] = ()
 
     @property
     def times_of(self) -> dict[str, float]:
@@ -170,7 +171,9 @@ class SensorRepeats:
             said = [OF_MEANS] * self.of_means
             if stated := self.by_model:
                 by_name = (f"{name} by {beyond:.3g} {unit}" for name, beyond, unit in stated)
-                said.append(f"{_ONCE}: each ± has what {_STATED}: {'; '.join(by_name)}")
+                said.append(
+                    f"{_ONCE}: each ± has what the model states to scatter from run to run: {'; '.join(by_name)}"
+                )
             return [*(said or [f"{_ONCE}: what changes from run to run is not known, and in no ±"]), *self.widened]
         of, noise = self.spread, self.by_noise
 
@@ -187,10 +190,9 @@ class SensorRepeats:
         unknown = "" if self.told_by else "; no temperature was recorded, so that every run counts as a repeat"
         errors = self.noise_by("standard errors" if self.stated else "residuals")
         if told:
-            neither = "and have neither standard errors nor residuals"
-            than = f"more than their {errors} say" if of.stated.any() else neither
+            how = f"more than their {errors} say" if any(of.stated) else _NEITHER
             included = "; each ± includes what noise does not explain (hil reconcile asks what it follows)"
-            more = f"{than} ({freedom}{unknown}): {'; '.join(told)}{included}"
+            more = f"{how} ({freedom}{unknown}): {'; '.join(told)}{included}"
         else:
             by_more = f", though by more: {'; '.join(may_be)}; each ± includes that" * bool(may_be)
             more = f"as their {errors} say, as far as {freedom} can tell{unknown}{by_more}"
@@ -245,12 +247,11 @@ class SensorRepeats:
     @property
     def noise_in_words(self) -> list[str]:
         """Say by how much standard errors are too small or too large, and where residuals are no noise."""
-        by_noise = self.differ.in_words(self.channels)
+        by_noise = [*self.differ.in_words(self.channels), *self.left_larger]
         if self.same_times:
             each = listed(f"{channel} {significant(times)} times" for channel, times in self.same_times.items())
-            allowed = f"over all runs together residuals are in {each} what standard errors allow"
-            left = "what is left is the same in every run, and no noise"
-            by_noise.append(f"{allowed}, and do not differ as much from run to run: {left}")
+            alone = f"over all runs together residuals are in {each} what standard errors allow, and do not differ as"
+            by_noise.append(f"{alone} much from run to run: what is left is the same in every run, and no noise")
         return by_noise
 
     @property
@@ -271,10 +272,9 @@ class SensorRepeats:
     @property
     def visits_in_words(self) -> list[str]:
         """Say which parameters differ from visit to visit by more than runs of one do: history, or time, moves them."""
-        differ = f"differ{'s' if len(self.of_visits) == 1 else ''} between visits to one temperature"
         of_both = "every ± holds both; the way to a temperature may do that (hil thermal), or time (hil reconcile)"
-        more = "by more than runs of a visit do"
-        return [f"{listed(self.of_visits)} {differ} {more}: {of_both}"] if self.of_visits else []
+        differ = f"differ{'s' if len(self.of_visits) == 1 else ''} between visits to one temperature by more than runs"
+        return [f"{listed(self.of_visits)} {differ} of a visit do: {of_both}"] if self.of_visits else []
 
 
 def repeats(
@@ -350,8 +350,7 @@ def _of_sensor(
     of_channels = [np.array(each.of_channels) for each in telling if each.chi_square is not None]
     squares, freedom = sum(of_channels, np.zeros((2, len(channels))))
     residual_times = np.sqrt(np.maximum(squares / np.maximum(freedom, 1.0), 1.0))
-    differ = own[0].differ
-    times = differ.times
+    differ, times = own[0].differ, own[0].differ.times
     odd = chdtrc(np.maximum(freedom, 0.5), squares) < RARE
     contradicted = odd & (Changes(differ.squares / residual_times**2, differ.freedom).times < 1.0)
     noise_times = np.where(odd & ~contradicted & (times == 1.0), residual_times, times)
@@ -390,6 +389,7 @@ def _of_sensor(
         channels=channels,
         differ=differ,
         between=own[0].between,
+        left_larger=larger_somewhere([(t, [e.left_over for e in telling if e.runs[0] in runs]) for t, runs in at]),
         noise_times=noise_times,
         same_times={c: float(of) for c, of, is_so in zip(channels, residual_times, contradicted, strict=True) if is_so},
         by_noise=by_noise,

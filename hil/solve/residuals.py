@@ -167,6 +167,22 @@ def _uneven(squares: FloatArray, freedom: FloatArray) -> BoolArray:
     return uneven(squares / np.maximum(freedom, 0.5), np.where(freedom > 0.5, freedom, 0.0))
 
 
+def larger_somewhere(at: Sequence[tuple[float | None, Sequence[tuple[FloatArray, FloatArray] | None]]]) -> list[str]:
+    """Say that residuals are larger at one temperature than at another, of rates whose noise is not stated; or nothing.
+
+    `at` each, °C, are the squares and degrees of freedom, (c,) each, that its runs have; None of one that has none.
+    """
+    of_each = {degC: np.sum([np.sum(own, axis=1) for own in of if own is not None], axis=0) for degC, of in at}
+    told = {degC: own for degC, own in of_each.items() if degC is not None and np.ndim(own) and own[1] > 0.5}
+    squares, freedom = np.array([*told.values()]).reshape(-1, 2).T[..., None]
+    if not _uneven(squares, freedom)[0]:
+        return []
+    size = dict(zip(told, np.sqrt(squares / freedom).ravel().tolist(), strict=True))
+    loud, quiet = max(size, key=lambda of: size[of]), min(size, key=lambda of: size[of])
+    times = significant(size[loud] / max(size[quiet], 1e-300))
+    return [f"residuals are {times} times as large at {degrees(loud)} as at {degrees(quiet)}: no one ± holds at each"]
+
+
 def _differs(white: FloatArray, columns: FloatArray, root: FloatArray) -> FloatArray:
     """Return the squares, and their degrees of freedom, of what runs of the same collects differ by, by channel (2, c).
 

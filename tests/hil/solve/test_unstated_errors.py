@@ -53,6 +53,22 @@ def test_of_rates_without_standard_errors_it_is_said_what_tells_their_noise(
     assert "standard errors say" not in said
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_residuals_that_are_larger_at_one_temperature_are_said(seed: int) -> None:
+    """One noise of both temperatures is in every ±: too small in the cold, too large elsewhere."""
+    for times in (1.0, 12.0):
+        made = without_errors(seed, 12, 0.9, 0.5)
+        rows = made.sensors[2]
+        cold = (rows.conditions.run <= 3)[:, None]
+        more = (
+            np.random.default_rng(seed).normal(0.0, 0.9 * np.sqrt(times**2 - 1.0), rows.rates_deg_per_hr.shape) * cold
+        )
+        shown = repeats(one := with_rates(made, rows.rates_deg_per_hr + more), solve_campaign(one))[2]
+        told = [said for said in shown.sentences() if said.startswith("residuals are ")]
+        assert len(told) == (times > 1.0)
+        assert all("as large at -20.0 °C as at " in said and said.endswith("no one ± holds at each") for said in told)
+
+
 @pytest.mark.slow
 def test_one_run_whose_noise_its_residuals_tell_has_an_interval_of_students() -> None:
     """Two degrees of freedom: the normal's 1.96 held the truth in 79 %."""
