@@ -155,6 +155,7 @@ class AxialDriftJump(_Steps):
     signature = "MU steps between two runs, at no particular temperature, and the bias does not."
     confusable_with = ("jump", "MU_rr", "MU_T")
     kin = MappingProxyType({"MU_T": 1.0})
+    odds = 0.5  # the reference has one entry for both; that of the bias is the usual one
     experiment = "Collect 3 beside another position, many times at one temperature."
 
     def shape_grid(self, conditions: Conditions) -> Sequence[Mapping[str, float]]:
