@@ -75,6 +75,17 @@ def test_what_stands_in_for_a_thermometer_that_some_runs_lack_tells_them_all() -
     assert runs_by_temperature(laid) == ((pytest.approx(20.4), (1, 2)), (pytest.approx(40.2), (3,)))
 
 
+@pytest.mark.parametrize(("lag_degC", "tells"), [(11.0, "temperature_degC"), (2.0, "setpoint_degC")])
+def test_setpoints_that_the_unit_did_not_follow_tell_no_temperature(lag_degC: float, tells: str) -> None:
+    """Up and down with soaks that are too short: at 20 °C the unit was at 9 and at 31, and no run repeats another."""
+    set_to = np.array([-25.0, 0.0, 20.0, 40.0, 60.0, 40.0, 20.0, 0.0, -25.0])
+    late = lag_degC * np.array([0.0, -1.0, -1.0, -1.0, -1.0, 1.0, 1.0, 1.0, 1.0])
+    laid = conditions({"setpoint_degC": set_to.tolist(), "temperature_degC": (set_to + late).tolist()})
+    assert told_by(laid) == tells
+    repeat = [runs for _, runs in runs_by_temperature(laid) if len(runs) > 1]
+    assert ((3, 7) in repeat) is (tells == "setpoint_degC")
+
+
 def test_without_any_temperature_all_runs_are_repeats() -> None:
     """There is nothing to tell them apart by."""
     assert runs_by_temperature(conditions({})) == ((None, (1, 2, 3)),)
