@@ -30,7 +30,7 @@ from hil.model.forms import default_form
 from procedures.plan import make_plan
 from procedures.settings import CollectSettings
 from tests.hil.solve.runs_of_a_unit import campaign
-from tests.hil.solve.test_between_runs import after, visits_again, with_mua
+from tests.hil.solve.test_between_runs import after, visited, visits_again, with_mua
 
 
 @pytest.fixture(scope="module")
@@ -273,6 +273,15 @@ def test_more_time_does_not_help_where_the_unit_ages(sweep: Any, per_hr: float) 
         assert found.best.duration_s == 60.0
     else:
         assert not found.missing
+
+
+def test_what_the_way_to_a_temperature_does_no_repeat_averages() -> None:
+    """Visits of one run each, up and down: neither run of a temperature is a repeat of the other."""
+    made = visited([0, 1, 2, 3, 4, 5, 4, 3, 2, 1, 0], scatter=0.3)
+    rows = made.sensors[2]
+    back = np.where(rows.conditions.run > 6, 12.0, 0.0)[:, None] * [1.0, -1.0]
+    own = scatter_of_unit(replace(made, sensors={2: replace(rows, rates_deg_per_hr=rows.rates_deg_per_hr + back)}))[2]
+    assert {"BA", "BB"} <= {*own.lasting}
 
 
 @pytest.mark.slow

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from hil.campaign import Campaign, Collects, Conditions, Sensor
+from hil.model.effects.noise import AxialDriftJump, Jump
 from hil.reconcile import reconcile
 from tests.hil.reconcile.hidden_effects import base_rates, campaign_of, lay_out
 
@@ -29,6 +30,16 @@ def test_of_two_runs_after_a_step_it_is_told_what_stepped(seed: int, of_mu: bool
     assert (effect.id, effect.probability > 0.9) == (name, True)
     (size,) = (of for of in effect.parameters if of["name"] == value)
     assert abs(size["value"] - 15.0) < 4.0 * size["se"] < 8.0
+
+
+def test_mu_that_steps_before_any_collect_felt_it_is_no_step() -> None:
+    """Beside a model without MU that would be MU itself, from the first run's third collect on."""
+    sensors = stepped(1, 3, 1, 0.0, of_mu=True).sensors[2]
+    conditions = sensors.conditions
+    first = np.flatnonzero(np.abs(conditions.f_g[:, 2]) > 0.1)[0]
+    places = [each for each in AxialDriftJump().shape_grid(conditions) if each["from_run"] == 1.0]
+    assert all(each["from_collect"] > first for each in places)
+    assert len(AxialDriftJump().shape_grid(conditions)) < len(Jump().shape_grid(conditions))
 
 
 @pytest.mark.parametrize("seed", range(3))
