@@ -53,7 +53,7 @@ def without(campaign: Campaign) -> dict[str, Any]:
     used = pooled(campaign)
     made = {number: set(rows.conditions.run.tolist()) for number, rows in campaign.sensors.items()}
     every = [n for n, own in made.items() if not used.not_used[n] and own <= failed(used, n, unless_mended=True)]
-    absent = {number: set().union(*made.values()) - own for number, own in made.items()}
+    absent = {n: set().union(*made.values()) - own - {*used.not_used[n]} for n, own in made.items()}
     some = {
         "runs_used_though_failed": {str(number): sorted(made[number]) for number in every},
         "runs_without_rows": {str(number): sorted(lacks) for number, lacks in absent.items() if lacks},
