@@ -277,9 +277,7 @@ def _instants(since: str, c: Conditions, gone_s: FloatArray, ends_s: FloatArray)
             most[k] += np.max(most[:k], where=fits(rows[:k], rows[k]), initial=0)
         return most
 
-    clock = (
-        c.start_s[order[1:]] >= ends_s[order[:-1]]
-    )  # else it is start_s that is wrong, and no instant is known by it
+    clock = c.start_s[order[1:]] >= ends_s[order[:-1]]  # else start_s is wrong, and no instant is known by it
     broken = np.flatnonzero(clock & ~goes_on(order[:-1], order[1:]))
     before, here = order[broken], order[broken + 1]
     doubted = np.full(len(c), False)

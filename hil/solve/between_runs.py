@@ -59,12 +59,13 @@ class BetweenRuns:
     """What explains what a sensor's runs of one temperature differ by, by parameter: columns to `follow`, or `jumps`.
 
     `apart` are the runs at temperatures that were measured before and after a jump; none where no temperature was
-    recorded, which may be what jumps.
+    recorded, which may be what jumps. `of_visits` are parameters that differ between visits to a temperature.
     """
 
     follow: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     jumps: Mapping[str, Jump] = field(default_factory=dict)
     apart: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+    of_visits: Sequence[str] = ()
 
     @property
     def in_words(self) -> list[str]:
@@ -141,7 +142,7 @@ def between_runs(
                 jumps[name] = Jump(step.size, unit, int(first[-1]), int(last[0]), step.alone)
                 if told_by(conditions) is not None:
                     apart[name] = tuple(number[here[np.isin(group[here], step.groups)]].tolist())
-    return BetweenRuns(follow, jumps, apart)
+    return BetweenRuns(follow, jumps, apart, [name for name, more in zip(units, differ, strict=True) if more])
 
 
 def _place(number: IntArray, groups: Sequence[tuple[float | None, tuple[int, ...]]]) -> IntArray:

@@ -30,7 +30,7 @@ from hil.files.numbers import degrees
 from hil.solve.between_runs import BetweenRuns
 from hil.solve.precision import stated_noise, to_record_of
 from hil.solve.residuals import Changes, larger_somewhere, noise_left, shares_of
-from hil.solve.runs import Estimate, RunSolution
+from hil.solve.runs import RunSolution, told_by_runs
 from hil.solve.temperatures import (
     nearest,
     of_runs_degC,
@@ -38,7 +38,6 @@ from hil.solve.temperatures import (
     told_by,
     unit_mean_degC,
     unit_range_degC,
-    visits,
 )
 from hil.solve.uncertain import RARE, MeanAt, Spread, Uncertain
 from hil.solve.wrong_rows import treated
@@ -338,10 +337,8 @@ def _of_sensor(
     channels = list(rows.conditions.sensor.channels)
     telling = [e for e in own if e.settled] or own  # what moved inside a run that had not is no noise of others
     noise, known_by = noise_left([each.left_over for each in telling], len(channels))
-    units = {name: each.unit for solution in own for name, each in solution.parameters.items()}
+    units, values, errors = told_by_runs(own, noise)
     group = np.array([next((k for k, (_, runs) in enumerate(at) if each.runs[0] in runs), -1) for each in own])
-    of_each = [[of.get(name, Estimate(None, None, "")) for name in units] for of in (e.by_noise(noise) for e in own)]
-    values, errors = (np.array([[getattr(e, a) for e in of] for of in of_each], np.float64) for a in ("value", "se"))
     told = {e.runs[0]: e.settled for e, known in zip(own, np.isfinite(values), strict=True) if known.any()}
     # Of a run that had not settled, and repeats none that had, nobody knows of which temperature it would be a mean.
     at = [(degC, tuple(run for run in of if run in told and (told[run] or degC is not None))) for degC, of in at]
@@ -367,11 +364,6 @@ def _of_sensor(
     beyond = np.array([run_scatter.get(name, 0.0) for name in units])
     spread = Spread.of(values, errors, group, changing, residuals, np.sqrt(common), beyond)
     shown = replace(means_of(units, values, errors, group, at, spread), left_deg_per_hr=noise)
-    in_visit = {run: k for k, (_, runs) in enumerate(visits(rows.conditions)) for run in runs}
-    visit = np.array([in_visit[each.runs[0]] for each in own])
-    again = np.array([len(np.unique(visit[group == k])) > 1 for k in group])  # at temperatures that were visited again
-    there, of_one = (Spread.of(values[again], errors[again], by[again]) for by in (group, visit))
-    of_visits = there.more_than(of_one)
     by_noise = Spread.of(values, errors, group, np.sqrt(shares @ noise_times**2), residuals, stated_beyond=beyond)
     alike = np.nan_to_num(spread.parts(errors)[1]).tolist()
     return replace(
@@ -395,6 +387,6 @@ def _of_sensor(
         by_noise=by_noise,
         to_record=to_record_of((n for n, odd in zip(units, by_noise.certain, strict=True) if odd), rows.conditions),
         stated=stated,
-        of_visits=[name for name, more in zip(units, of_visits, strict=True) if more],
+        of_visits=own[0].between.of_visits if grouped is runs_by_temperature else (),  # else visits stand apart
         noise_told=bool(freedom.sum() + differ.freedom.sum() > 0.5 or np.isfinite(noise).all()),
     )

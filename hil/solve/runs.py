@@ -157,29 +157,34 @@ def solve_campaign(campaign: Campaign, model_name: str | None = None, sensor: in
         own = [_described(number, each, among, wrong.collects, beside) for each in solved]
         runs, layout = set(used[number].conditions.run.tolist()), used[number].conditions.sensor
         noise, _ = noise_left([each.left_over for each in own if not runs.isdisjoint(each.runs)], len(layout.channels))
-        smaller = min(float(beside.differ.times.max()), 1.0)
-        larger = max(float(beside.differ.times.max()), 1.0)
-        between = _between([each for each in own if not runs.isdisjoint(each.runs)], noise, larger, used[number])
+        times = float(beside.differ.times.max())
+        between = _between([e for e in own if not runs.isdisjoint(e.runs)], noise, max(times, 1.0), used[number])
         contradicted = between.judged
         for each in own:  # by how well its collects tell it, too, of this noise where they state none, or far too much
             told = each.by_noise(noise)
-            errors = {name: (None if of.se is None else smaller * of.se, of.unit) for name, of in told.items()}
+            errors = {n: (None if of.se is None else min(times, 1.0) * of.se, of.unit) for n, of in told.items()}
             judged = measured_well_enough(errors, layout, campaign.largest_se)
             apart = [contradicted[run] for run in each.runs if run in contradicted]
             found.append(replace(each, beside=(*each.beside, *apart, judged), between=between))
     return sorted(found, key=lambda each: (each.runs[0], each.sensor))
 
 
-def _between(own: Sequence[RunSolution], noise: FloatArray, larger: float, used: Collects) -> BetweenRuns:
-    """Return what explains what solutions of single runs differ by, beside their errors, so many times as large.
+def told_by_runs(own: Sequence[RunSolution], noise: FloatArray) -> tuple[dict[str, str], FloatArray, FloatArray]:
+    """Return the units of what r solutions tell, by parameter, and its values and standard errors (r, p), NaN: untold.
 
-    Without errors, beside those that a `noise` (c,) makes.
+    Of rates without errors those are what a `noise` (c,), deg/hr, makes.
     """
+    units = {name: of.unit for each in own for name, of in each.parameters.items()}
+    told = [[of.get(name, Estimate(None, None, "")) for name in units] for of in (e.by_noise(noise) for e in own)]
+    values, errors = (np.array([[getattr(e, a) for e in of] for of in told], np.float64) for a in ("value", "se"))
+    return units, values, errors
+
+
+def _between(own: Sequence[RunSolution], noise: FloatArray, larger: float, used: Collects) -> BetweenRuns:
+    """Return what explains what single runs differ by, beside errors that are so many times `larger` than stated."""
     if not own or any(each.run is None for each in own):
         return BetweenRuns()
-    units = {name: of.unit for each in own for name, of in each.parameters.items()}
-    of_each = [[of.get(name, Estimate(None, None, "")) for name in units] for of in (e.by_noise(noise) for e in own)]
-    values, errors = (np.array([[getattr(e, a) for e in of] for of in of_each], np.float64) for a in ("value", "se"))
+    units, values, errors = told_by_runs(own, noise)
     return between_runs(units, [each.runs[0] for each in own], values, larger * errors, used.conditions)
 
 
