@@ -11,6 +11,7 @@ import pytest
 from hil.campaign import Campaign
 from hil.solve import repeats, solve_campaign
 from hil.solve.between_runs import NO_NOISE, Jump, between_runs
+from hil.solve.temperatures import runs_by_visit
 from procedures.verdict import Verdict
 from tests.hil.solve.runs_of_a_unit import campaign, repeated, up_and_down, with_column, with_rates
 
@@ -100,6 +101,7 @@ def test_a_drift_and_the_way_to_a_temperature_are_no_jump() -> None:
     assert {each.verdict for each in solutions} == {Verdict.PASS}
     assert solutions[0].between.in_words == []
     assert any(said.startswith("MUA differs between visits") for said in repeats(made, solutions)[2].sentences())
+    assert repeats(made, solutions, runs_by_visit)[2].of_visits == (), "visits are not taken together there"
 
 
 def test_of_one_run_alone_that_is_another_both_are_said() -> None:

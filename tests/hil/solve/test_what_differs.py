@@ -11,8 +11,10 @@ from scipy.special import chdtrc
 from hil.campaign import Campaign, FloatArray
 from hil.model.forms import default_form
 from hil.solve import repeats, solve_campaign
+from hil.solve.asked import Asked
 from hil.solve.repeats import SensorRepeats
 from hil.solve.residuals import FAIL_PROBABILITY, LACKS, MOVED, changes
+from hil.solve.whitened import Whitened
 from hil.solve.wrong_rows import wrong_rows
 from procedures.verdict import Verdict
 from tests.hil.solve.runs_of_a_unit import campaign, repeated, up_and_down, with_column, with_rates
@@ -139,6 +141,14 @@ def test_of_four_collects_a_run_noise_of_a_temperature_is_weighed_against_rows_t
     for each in quiet:  # a rate that is far off in the quiet is no noise of its temperature
         each.sensors[2].rates_deg_per_hr[5] += 8.0
     assert [[wrong.collects for wrong in wrong_rows(each)[2].rows] for each in quiet] == [[(6,)]] * 8
+
+
+def test_whatever_the_noise_is_something_is_wrong_or_nothing() -> None:
+    """Probabilities over all that the noise of one temperature may be make one."""
+    for seed in range(3):
+        asked = Asked(Whitened(noisy_in_the_cold(3.8, seed, (0, 1, 2, 0)).sensors[2]))
+        nothing, found = asked.weighed()
+        assert nothing + sum(p for _, p in found) == pytest.approx(1.0)
 
 
 def test_noise_that_is_larger_at_one_temperature_is_that_of_its_runs_and_said() -> None:
