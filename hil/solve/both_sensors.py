@@ -130,7 +130,9 @@ def common_and_differential(campaign: Campaign) -> BothSensors | None:
         means_of(UNITS, of, error, group, at, Spread.of(of, error, group, residuals=known))
         for of, error in ((values.mean(axis=1), 0.5 * white), (values[:, 1] - values[:, 0], white))
     )
-    away = np.stack([_away(*of, group, known) for of in zip(values.swapaxes(0, 1), errors.swapaxes(0, 1), strict=True)])
+    alike = not any(shown[number].uneven.any() or shown[number].left_larger for number in rotors)
+    every_sensor = zip(values.swapaxes(0, 1), errors.swapaxes(0, 1), strict=True)
+    away = np.stack([_away(*of, group, known, alike=alike) for of in every_sensor])
     degrees = len(group) - len(at)
     with np.errstate(invalid="ignore", divide="ignore"):
         correlation = away[0].T @ away[1] / np.outer(*np.linalg.norm(away, axis=1))
@@ -148,15 +150,20 @@ def moving_together(campaign: Campaign) -> list[str]:
     return [] if both is None else both.together
 
 
-def _away(values: FloatArray, errors: FloatArray, group: IntArray, residuals: float) -> FloatArray:
+def _away(values: FloatArray, errors: FloatArray, group: IntArray, residuals: float, *, alike: bool) -> FloatArray:
     """Return how far runs' values (r, p) are from the mean of their `group` (r,), in what each scatters by.
 
-    Of values as they are, one run that is noisy in both sensors would be all that a correlation is of.
+    Of values as they are, one run that is noisy in both sensors would be all that a correlation is of. Where groups do
+    not scatter `alike`, each is in what it scatters by itself.
     """
     sd = Spread.of(values, errors, group, residuals=residuals).sd(errors)
     weight = np.where(np.all(sd > 0.0, axis=0), sd, 1.0) ** -2.0
     of_each = group == np.unique(group)[:, None]
-    return np.asarray(np.sqrt(weight) * (values - (of_each @ (weight * values) / (of_each @ weight))[group]))
+    away = np.sqrt(weight) * (values - (of_each @ (weight * values) / (of_each @ weight))[group])
+    if not alike:
+        squares = of_each @ away**2 / np.maximum(of_each.sum(axis=1, keepdims=True) - 1.0, 1.0)
+        away = away / np.sqrt(np.where(squares > 0.0, squares, 1.0))[group]
+    return np.asarray(away)
 
 
 def _interval(correlation: float, degrees: int) -> tuple[float | None, float | None, float | None]:

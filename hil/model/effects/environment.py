@@ -1,17 +1,20 @@
-"""Effects of the surroundings that scatter averages: condensation, and a base that moves."""
+"""Effects of the surroundings that scatter averages: condensation, noise at one setpoint, and a base that moves."""
 
 from collections.abc import Mapping
 
 import numpy as np
 
 from hil.campaign import Conditions
-from hil.model.effects.base import Parameter, VarianceEffect
-from hil.model.effects.columns import column, per_channel
+from hil.model.effects.base import Parameter, ShapeParameter, VarianceEffect
+from hil.model.effects.columns import HOUR_S, column, per_channel
 from hil.model.effects.geometry import local_frame
 from hil.model.effects.scatter import Scatter
 
 _TAU_S = 1800.0
 """Correlation time of pier and floor motion (heating, ventilation, people)."""
+_LEVEL = "setpoint_degC|temperature_degC"
+_APART_DEGC = 3.0  # nearer ones are one temperature
+_LEVELS = 16  # more are no steps
 
 
 class Frost(VarianceEffect):
@@ -31,6 +34,35 @@ class Frost(VarianceEffect):
     def scatter(self, conditions: Conditions, shape: Mapping[str, float]) -> tuple[Scatter, ...]:
         near = np.nan_to_num(np.exp(-0.5 * (column(conditions, "temperature_degC") / 5.0) ** 2))
         return (Scatter(per_channel(near, conditions.sensor), group=conditions.run),)
+
+
+class NoiseAtTemperature(VarianceEffect):
+    """White noise of one temperature alone: a chamber's fan, compressor or valve that hunts there, or a resonance."""
+
+    id = "noise_T"
+    follows = "temperature"
+    title = "Noise of one temperature"
+    equation = "sigma = N_T / sqrt(duration) at one setpoint"
+    parameters = (Parameter("N_T", "deg/sqrt(hr)", (0.1, 1.0), {"RLG": (0.001, 0.1), "MEMS": (0.05, 1.0)}),)
+    needs = frozenset({_LEVEL})
+    signature = (
+        "Only the variance rises, at one temperature, from collect to collect; its neighbours are as quiet as all."
+    )
+    confusable_with = ("hash", "frost", "arw")
+    experiment = "That temperature again with the chamber's fan and compressor off; samples of the averages there."
+
+    def shapes_for(self, conditions: Conditions) -> tuple[ShapeParameter, ...]:
+        """Return the temperatures, °C, of which it may be one; none where there are not several, or no steps."""
+        level = np.sort(column(conditions, _LEVEL)[np.isfinite(column(conditions, _LEVEL))])
+        steps = np.split(level, 1 + np.flatnonzero(np.diff(level) > _APART_DEGC)) if len(level) else []
+        levels = tuple(round(float(np.mean(each)), 1) for each in steps)
+        return (ShapeParameter("at_degC", "degC", levels if 1 < len(levels) <= _LEVELS else ()),)
+
+    def scatter(self, conditions: Conditions, shape: Mapping[str, float]) -> tuple[Scatter, ...]:
+        """Return one over the root of the duration, in hr, of each row at the temperature."""
+        white = np.sqrt(HOUR_S / np.maximum(conditions.duration_s, 1.0))
+        here = np.abs(column(conditions, _LEVEL) - shape["at_degC"]) < _APART_DEGC
+        return (Scatter(per_channel(np.where(here, white, 0.0), conditions.sensor), group=np.arange(len(conditions))),)
 
 
 class BaseMotion(VarianceEffect):

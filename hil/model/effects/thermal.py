@@ -13,6 +13,7 @@ from hil.model.effects.base import Base, Effect, Parameter, ShapeParameter, requ
 from hil.model.effects.columns import above_reference, column, per_channel
 from hil.model.effects.history import averaged_decay, loop_side, setpoint_step
 from hil.model.equation import pickoff_rates
+from hil.model.forms import mu_columns
 
 _SOAK_TAU = ShapeParameter("tau_min", "min", (5.0, 8.0, 12.0, 18.0, 25.0, 40.0, 70.0), continuous=True)
 _LINE_TYPICAL = {"RLG": (0.005, 0.05), "FOG": (0.02, 0.2), "DTG": (0.05, 0.5), "MEMS": (1.0, 30.0)}
@@ -129,30 +130,20 @@ class ThermometerLag(Effect):
         return np.asarray((slope * rate[:, None])[..., None])
 
 
-class Hysteresis(Effect):
-    """Bias that depends on the turning points of temperature, not on its rate: a play operator."""
+class _Play(Effect):
+    """What depends on the turning points of temperature, not on its rate: a play operator."""
 
-    id = "hyst"
     follows = "temperature_history"
-    title = "Rate-independent thermal hysteresis"
-    equation = "B += h (T - play(T, half_width)) / half_width"
-    per_channel = True
-    parameters = (
-        Parameter("h", "deg/hr", (1.0, 5.0), {"RLG": (0.005, 0.05), "FOG": (0.05, 0.5), "MEMS": (5.0, 50.0)}),
-    )
     shapes = (
         ShapeParameter("half_width_degC", "degC", (1.0, 2.0, 5.0, 10.0, 14.0, 20.0), continuous=True),
         ShapeParameter("from_degC", "degC", (20.0, -80.0), default=np.nan),
     )
     needs = frozenset({"temperature_degC"})
-    signature = "Opposite sign coming from below and from above, and it does not decay while soaking."
-    confusable_with = ("T_lag", "bias_T", "ageing", "jump")
     idealises = (
         "It knows the temperatures of collects and no others, so no overshoot between them, and begins relaxed: where "
         "the unit came from decides on which side of the loop it is, which a search tries as `from_degC`: a room, and "
         "as far below the first collect as the half width, for colder does no more. Nobody recorded either."
     )
-    kin = MappingProxyType({"soak_insufficient": 1.0, "bias_Tdot": 1.0, "bias_grad": 1.0})
     experiment = "Return to the same temperature from above and from below, each after a full soak."
 
     def shape_grid(self, conditions: Conditions) -> Sequence[Mapping[str, float]]:
@@ -164,10 +155,48 @@ class Hysteresis(Effect):
             for shape in super().shape_grid(conditions)
         ]
 
-    def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
+    def side(self, conditions: Conditions, shape: Mapping[str, float]) -> FloatArray:
+        """Return on which side of the loop each row is, -1 to 1, (n,)."""
         temperature, width = column(conditions, "temperature_degC"), shape["half_width_degC"]
-        side = loop_side(temperature, conditions.start_s, width, shape.get("from_degC", np.nan))
-        return per_channel(side, conditions.sensor)
+        return loop_side(temperature, conditions.start_s, width, shape.get("from_degC", np.nan))
+
+
+class Hysteresis(_Play):
+    """Bias that depends on the turning points of temperature."""
+
+    id = "hyst"
+    title = "Rate-independent thermal hysteresis"
+    equation = "B += h (T - play(T, half_width)) / half_width"
+    per_channel = True
+    parameters = (
+        Parameter("h", "deg/hr", (1.0, 5.0), {"RLG": (0.005, 0.05), "FOG": (0.05, 0.5), "MEMS": (5.0, 50.0)}),
+    )
+    signature = "Opposite sign coming from below and from above, and it does not decay while soaking."
+    confusable_with = ("T_lag", "bias_T", "ageing", "jump")
+    kin = MappingProxyType({"soak_insufficient": 1.0, "bias_Tdot": 1.0, "bias_grad": 1.0})
+
+    def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
+        return per_channel(self.side(conditions, shape), conditions.sensor)
+
+
+class AxialHysteresis(_Play):
+    """MU that depends on the turning points of temperature: bearings that are loaded otherwise on the way back."""
+
+    id = "MU_hyst"
+    title = "Thermal hysteresis of MU"
+    equation = "MU += h_MU (T - play(T, half_width)) / half_width"
+    rotor_only = True
+    parameters = (
+        Parameter("h_MUA", "deg/hr/g", (1.0, 5.0), {"DTG": (0.05, 0.5)}),
+        Parameter("h_MUB", "deg/hr/g", (1.0, 5.0), {"DTG": (0.05, 0.5)}),
+    )
+    signature = "MU is another coming from below and from above, and the bias is not."
+    confusable_with = ("MU_jump", "MU_T", "MU_rr")
+    odds = 0.5  # the reference has one entry for both; that of the bias is the usual one
+    kin = MappingProxyType({"MU_T": 1.0})
+
+    def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
+        return np.asarray(mu_columns(conditions) * self.side(conditions, shape)[:, None, None])
 
 
 class InsufficientSoak(Effect):

@@ -13,11 +13,12 @@ import numpy as np
 
 from hil.campaign import FloatArray
 from hil.model.effects.base import VarianceEffect
-from hil.model.effects.prior import COMMON, SCATTER, SHARED, in_another, log_sum, scatter_log_odds
+from hil.model.effects.prior import SCATTER, in_another, log_sum, scatter_log_odds
 from hil.reconcile.search.common_states import same_states
 from hil.reconcile.search.lookalikes import exchanged, lookalikes
 from hil.reconcile.search.sets import SensorSearch, Set
 from hil.reconcile.search.terms import Term
+from hil.reconcile.search.together import log_prior
 
 WIDTH = (8, 5, 4, 3, 2)  # how many sets are grown further, at none, one, two … terms
 GROWTH = 8  # how many names each of them is tried with
@@ -231,7 +232,7 @@ def log_weights(
 ) -> tuple[FloatArray, list[frozenset[str]]]:
     """Return log weights, not normalised, of each sensor's sets together, (m, m', …, n), and what scatters in each."""
     sorts, log_sort = _log_sorts(list(searches.values()))
-    weights = _log_prior(searches, lists)[..., None] + log_sort
+    weights = log_prior(searches, lists)[..., None] + log_sort
     for axis, (n, sets) in enumerate(lists.items()):
         along = [len(sets) if k == axis else 1 for k in range(len(lists))]
         weights = weights + shared_evidence(searches[n], sets, sorts).reshape(*along, -1)
@@ -258,38 +259,3 @@ def _with_the_others(
     theirs = {term.shared for term in led if term.is_mistake and term.shared}
     same = {j for j, term in enumerate(searches[number].terms) if term.is_mistake and term.shared in theirs}
     return list(dict.fromkeys([*sets, *(tuple(sorted({*chosen, *same})) for chosen in sets[:OTHERS])]))
-
-
-def _log_prior(searches: Mapping[int, SensorSearch], lists: Mapping[int, Sequence[Set]]) -> FloatArray:
-    """Log prior odds of every combination of sets, (m, m', …): one price for a name, and which sensors have it.
-
-    What of a set is a mistake of one sensor, or has a name that is there already, costs what it costs by itself.
-    """
-    out = np.zeros([len(sets) for sets in lists.values()])
-    priced: dict[str, list[FloatArray]] = {}
-    common = set[str]()
-    for axis, (n, sets) in enumerate(lists.items()):
-        along = [size if k == axis else 1 for k, size in enumerate(out.shape)]
-        rest = np.zeros(len(sets))
-        for m, chosen in enumerate(sets):
-            for term, log_odds in zip((searches[n].terms[j] for j in chosen), searches[n].priced(chosen), strict=True):
-                own = priced.setdefault(term.shared, [np.full((1,) * out.ndim, -np.inf) for _ in lists])
-                if own[axis].size != len(sets):
-                    own[axis] = np.full(along, -np.inf)
-                if not term.shared or own[axis].flat[m] > -np.inf:
-                    rest[m] += log_odds
-                else:
-                    own[axis].flat[m] = log_odds
-                effect = term.candidate.effect
-                if term.is_mistake or (effect is not None and effect.common_to_sensors):
-                    common.add(term.shared)
-        out += rest.reshape(along)
-    askable = [{term.shared for term in searches[n].terms} for n in lists]
-    for name, odds in priced.items():
-        rho = COMMON if name in common else SHARED
-        could = [own for own, asked in zip(odds, askable, strict=True) if name in asked]
-        price = np.max(np.broadcast_arrays(*odds), axis=0)
-        if len(could) > 1:
-            price = price + sum(np.log(np.where(own > -np.inf, rho, 1.0 - rho)) for own in could)
-        out += np.where(np.isfinite(price), price, 0.0)
-    return out

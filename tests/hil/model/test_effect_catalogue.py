@@ -176,6 +176,8 @@ def test_every_effect_of_the_reference_is_in_the_catalogue(reference: Path) -> N
         "GS_rr",
         "G_rr",
         "MU_jump",
+        "MU_hyst",
+        "noise_T",
     }
     assert added == ours
 

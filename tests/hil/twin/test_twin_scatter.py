@@ -24,6 +24,7 @@ _SIZE = 3.0
 _OF_A_ROTOR = [
     each.id for each in VARIANCE_EFFECTS if each.applies_to(Sensor(2, ("A", "B", "S"), {"A": "A", "B": "B"}))
 ]
+_SHAPES = {"markov": {"tau_hr": 1.0}, "noise_T": {"at_degC": -4.0}}
 _COLD = {  # where frost and retainer noise are at work
     "start": {"temperature": "-4 degC", "powered_for": "10 h"},
     "noise": SILENT | {"new_run_after_rest": "100 s"},
@@ -33,8 +34,8 @@ _COLD = {  # where frost and retainer noise are at work
 def scattering(effect: str) -> dict[str, Any]:
     """Return the entry of a model's noise section for an effect, of size 3 in its unit."""
     parameter = variance_effect_by_id(effect).parameters[0]
-    shape = {"tau_hr": 1.0} if effect == "markov" else {}
-    return {"effect": effect, "parameters": {parameter.name: {"unit": parameter.unit, "value": _SIZE}}, "shape": shape}
+    size = {"effect": effect, "parameters": {parameter.name: {"unit": parameter.unit, "value": _SIZE}}}
+    return {**size, "shape": _SHAPES.get(effect, {})}
 
 
 def scattering_bench(
