@@ -31,6 +31,8 @@ from procedures.words import counted, listed
 
 FALSE_ALARM = 0.05
 """The chance that `shared` names any pair at all where the sensors have nothing in common."""
+EXCHANGES = 10_000
+"""Ways to exchange runs that are tried: of 36 pairs each is asked at one in 700."""
 
 UNITS = dict(zip(MATRIX_6, (RATE,) * 2 + (PER_G,) * 4, strict=True))
 
@@ -140,7 +142,8 @@ def common_and_differential(campaign: Campaign) -> BothSensors | None:
     # Of parameters that scatter from run to run by no more than noise explains nothing moves any.
     one, other = (np.isin(MATRIX_6, np.array(of.names)[of.by_noise.certain]) for of in map(shown.__getitem__, rotors))
     asked = one[:, None] & other
-    shared = _shared(correlation, degrees, asked)
+    chance = _of_normal(correlation, degrees) if alike else _of_exchanged(away, group)
+    shared = _shared(correlation, chance, asked)
     return BothSensors((rotors[0], rotors[1]), common, differential, degrees, same, shared, int(asked.sum()))
 
 
@@ -175,15 +178,27 @@ def _interval(correlation: float, degrees: int) -> tuple[float | None, float | N
     return correlation, math.tanh(middle - width), math.tanh(middle + width)
 
 
-def _shared(correlation: FloatArray, degrees: int, asked: BoolArray) -> tuple[SharedPair, ...]:
-    """Pairs whose correlation chance would give any of those `asked` (6, 6) with less than `FALSE_ALARM`."""
-    if degrees < 2:
-        return ()
-    found = []
-    for i, j in np.argwhere(asked).tolist():
-        r = float(correlation[i, j])
-        tangent = abs(r) * math.sqrt((degrees - 1) / max(1.0 - r**2, 1e-12))
-        p = float(2.0 * stdtr(degrees - 1, -tangent))
-        if p < FALSE_ALARM / asked.sum():
-            found.append(SharedPair(MATRIX_6[i], MATRIX_6[j], r, p))
+def _shared(correlation: FloatArray, chance: FloatArray, asked: BoolArray) -> tuple[SharedPair, ...]:
+    """Pairs (6, 6) whose correlation `chance` would give any of those `asked` with less than `FALSE_ALARM`."""
+    found = [
+        SharedPair(MATRIX_6[i], MATRIX_6[j], float(correlation[i, j]), float(chance[i, j]))
+        for i, j in np.argwhere(asked & (chance < FALSE_ALARM / max(asked.sum(), 1))).tolist()
+    ]
     return tuple(sorted(found, key=lambda pair: pair.p))
+
+
+def _of_normal(correlation: FloatArray, degrees: int) -> FloatArray:
+    """How rarely chance gives as large a correlation of what scatters normally, and alike everywhere."""
+    tangent = np.abs(correlation) * np.sqrt(max(degrees - 1, 0) / np.maximum(1.0 - correlation**2, 1e-12))
+    return np.asarray(2.0 * stdtr(degrees - 1, -tangent)) if degrees > 1 else np.ones_like(correlation)
+
+
+def _of_exchanged(away: FloatArray, group: IntArray) -> FloatArray:
+    """How rarely (6, 6) runs of one sensor, exchanged within each `group`, go with the other as much (Fisher 1935)."""
+    rng = np.random.default_rng(0)
+    order = np.lexsort((rng.random((EXCHANGES, len(group))), np.broadcast_to(group, (EXCHANGES, len(group)))))
+    as_they_are = np.empty(len(group), dtype=np.int64)
+    as_they_are[np.argsort(group, kind="stable")] = np.arange(len(group))
+    products = np.abs(np.einsum("rp,erq->epq", away[0], away[1][order[:, as_they_are]]))
+    real = np.abs(away[0].T @ away[1])
+    return np.asarray((1.0 + (products >= real * (1.0 - 1e-9)).sum(axis=0)) / (1.0 + EXCHANGES))

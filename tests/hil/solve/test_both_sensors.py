@@ -128,6 +128,25 @@ def test_a_run_that_is_noisy_in_both_makes_nothing_common() -> None:
         assert both_of(replace(one, sensors=sensors)).shared == ()
 
 
+def noisy_somewhere(one: Campaign, seed: int) -> Campaign:
+    """The same night, but at its first temperature every rate is off by up to 15 deg/hr, in either sensor its own."""
+    rng, sensors = np.random.default_rng(seed), {}
+    for number, rows in one.sensors.items():
+        here = (rows.conditions.columns["temperature_degC"] == 0.0)[:, None]
+        off = np.where(here, rng.uniform(-15.0, 15.0, rows.rates_deg_per_hr.shape), 0.0)
+        sensors[number] = replace(rows, rates_deg_per_hr=rows.rates_deg_per_hr + off)
+    return replace(one, sensors=sensors)
+
+
+@pytest.mark.slow
+def test_a_temperature_that_is_noisy_in_both_makes_nothing_common() -> None:
+    """Three runs were all of a correlation of sixteen degrees of freedom; what is common shows there, too."""
+    found = [both_of(noisy_somewhere(night(seed, own_bias=3.0), seed)) for seed in range(6)]
+    assert sum(bool(each.shared) for each in found) <= 1
+    found = [both_of(noisy_somewhere(night(seed, common_bias=9.0), seed)) for seed in range(3)]
+    assert all(("BA", "BA") in {(pair.first, pair.second) for pair in each.shared} for each in found)
+
+
 @pytest.mark.slow
 def test_sensors_with_nothing_in_common_are_seldom_said_to_have() -> None:
     """In 20 nights of biases that scatter independently some pair of those is named in about one night of twenty."""
