@@ -213,11 +213,13 @@ def with_inside(model: Model, found: Sequence[FoundEffect], campaign: Campaign) 
 
 def origin(campaign: Campaign, named: Named, gap: Gap) -> dict[str, Any]:
     """Return where a term came from, for the model file."""
+    of_sensor = named.of_sensor if len(named.of_sensor) > 1 else {}
     return {
         **_made(campaign),
         "verdict": named.kind,
         "name": named.name,
         "probability": round(named.probability, 4),
+        **({"probability_of_sensor": {str(n): round(p, 4) for n, p in of_sensor.items()}} if of_sensor else {}),
         "rivals": {rival.id: round(rival.probability, 4) for rival in named.rivals},
         "gap_before_deg_per_hr": _number(gap.before),
         "gap_after_deg_per_hr": _number(gap.after),
