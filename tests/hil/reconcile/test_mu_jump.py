@@ -78,3 +78,20 @@ def test_a_triads_g_that_is_another_in_each_run_is_no_pier_that_turns(seed: int)
     )
     assert [effect.id for effect in result.effects] == ["G_rr"]
     assert [of["value"] for of in result.effects[0].parameters] == [pytest.approx(4.0, rel=0.4)]
+
+
+@pytest.mark.slow
+def test_mu_that_is_another_on_the_way_back_has_two_names() -> None:
+    """A step at the turn, or hysteresis: these collects cannot tell, and a jump was certain."""
+    rng = np.random.default_rng(3)
+    up = (20.0, 35.0, 50.0, 65.0)
+    rows = lay_out(rng, (*up, *up[-2::-1]), 2)
+    back = 10.0 * (rows.run > 2 * len(up))
+    rates = base_rates(rows, thermal=False) + rng.normal(0.0, 0.9, (len(rows), 2))
+    result = reconcile(
+        campaign_of(rows, rates + np.stack([back * rows.f[:, 2], np.zeros(len(rows))], 1)), "matrix-6", prove=False
+    )
+    (effect,) = result.effects
+    assert {effect.id, *(rival.id for rival in effect.confusable_with)} >= {"MU_hyst", "MU_jump"}
+    assert 0.05 < effect.probability < 0.95
+    assert result.verdict == "ambiguous"
