@@ -244,7 +244,9 @@ def _near(height: FloatArray, sort: IntArray) -> BoolArray:
 
 def _leads(height: FloatArray, sort: IntArray, sorts: Sequence[frozenset[str]]) -> BoolArray:
     """Tell the highest of points (t,) of each sort (t,) that does more than any part of it, and is not far below."""
-    return np.asarray(_highest(height, sort) & (height >= height.max() - DEPTH) & _do_more(height, sort, sorts)[sort])
+    return np.asarray(
+        _highest(height, sort) & (height >= height.max() - 2.0 * DEPTH) & _do_more(height, sort, sorts)[sort]
+    )
 
 
 def _do_more(height: FloatArray, sort: IntArray, sorts: Sequence[frozenset[str]]) -> BoolArray:
