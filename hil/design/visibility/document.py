@@ -7,7 +7,7 @@ campaign_document(campaign, model)
 """
 
 import math
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -43,6 +43,9 @@ _CLEAN = 0.1
 
 MOST_RUNS = 384
 """On so many of a campaign's runs at most, evenly chosen, a change is weighed: before and after alike."""
+
+_BEYOND = 10
+"""So many times the largest typical size nobody has seen: what needs more is not seen in these collects."""
 
 _WORTH = 0.95  # of the size at which effects are seen without a change
 
@@ -172,13 +175,21 @@ def _planned(conditions: Conditions, model: Model, level: NoiseLevel) -> NoiseLe
     return level
 
 
+Unmoved = Callable[[Campaign], tuple[Campaign, Sequence[str]]]
+"""Takes off a campaign what certainly or probably moves its rates, and names it."""
+
+
 def campaign_document(
-    campaign: Campaign, model: Model | None = None, changes: Sequence[Change] = CHANGES
+    campaign: Campaign,
+    model: Model | None = None,
+    changes: Sequence[Change] = CHANGES,
+    unmoved: Unmoved | None = None,
 ) -> dict[str, object]:
     """Return the map of collects that were measured, with their own standard errors, gaps, and scatter of repeats.
 
     What the terms of a `model` make is taken off, and what it states of noise counts where the campaign states and
-    shows none; the `changes` are weighed. Raises `InputError` where that cannot be known.
+    shows none; the `changes` are weighed. Where repeats certainly scatter, in no more than `MOST_RUNS` runs, `unmoved`
+    says what of that is no noise. Raises `InputError` where that cannot be known.
     """
     told = {"simulated": campaign.simulated, "warnings": list(campaign.warnings), **what_is_wrong(campaign)}
     if model is not None:
@@ -198,6 +209,12 @@ def campaign_document(
         }
         campaign = replace(campaign, sensors=typical)
         shown = repeats(campaign, solve_campaign(campaign), runs_made_alike)
+    few = all(len(rows.conditions.of_each_run) <= MOST_RUNS for rows in campaign.sensors.values())
+    if unmoved is not None and few and any(np.any(each.by_noise.certain) for each in shown.values()):
+        less, names = unmoved(campaign)
+        beside_it = repeats(less, solve_campaign(less), runs_made_alike) if names else {}
+        if any(np.any(shown[n].by_noise.certain & ~each.by_noise.certain) for n, each in beside_it.items()):
+            shown, told = beside_it, {"no_noise": list(names), **told}
     used = with_stand_ins(usable(treated(campaign))).sensors
     conditions = {number: rows.conditions for number, rows in used.items()}
     sigmas = {  # as large as residuals and repeats show them to be
@@ -346,6 +363,8 @@ def visibility_text(document: Mapping[str, Any]) -> str:
     """Return a screenful of plain lines from the document hil.visibility/1."""
     seen = [effect for effect in document["effects"] if effect["visible"]]
     seen.sort(key=lambda effect: effect["smallest_visible"]["of_largest_typical"] or math.inf)
+    larger = [each["smallest_visible"] for each in seen if not each["in_sight"]]
+    far = [of for of in larger if of["easiest"]["value"] is None or of["easiest"]["value"] > _BEYOND * of["typical"][1]]
     asked = {effect["id"] for effect in document["effects"]}
     reasons = {
         name: why
@@ -360,7 +379,9 @@ def visibility_text(document: Mapping[str, Any]) -> str:
         r=document,
         wrong=list(in_words(document)),
         seen=[effect for effect in seen if effect["in_sight"]],
-        small=[effect for effect in seen if not effect["in_sight"]],
+        small=[effect for effect in seen if not effect["in_sight"] and effect["smallest_visible"] not in far],
+        far=[effect for effect in seen if effect["smallest_visible"] in far],
+        beyond=_BEYOND,
         alike=sorted({tuple(effect["class"]) for effect in seen if effect["in_sight"] and len(effect["class"]) > 1}),
         unasked={
             name: f"{name} ({how})" for effect in seen for name, how in effect["unasked"].items() if name not in asked
