@@ -247,6 +247,7 @@ def design(
         dict(parse_target(text) for text in showing if not Path(text).is_dir()),
         {n: of.sizes for n, of in shown.items()},
         {n: of.lasting for n, of in shown.items()},
+        {n: of.at_most for n, of in shown.items()},
     )
     proposal = propose(base, its_bench, asked)
     document = design_document(proposal, asked, base, its_bench)

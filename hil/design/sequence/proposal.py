@@ -4,6 +4,7 @@ design_document(proposal, goal, sweep, bench)
 write_sweep(proposal, sweep, bench, Path("my.yaml"), "hil design rd-gc-86-1 --goal 'MU 0.5 deg/hr' --out my.yaml")
 """
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +12,16 @@ import yaml
 
 from hil.config.bench import Bench
 from hil.config.sweep import Sweep, check_sweep_against_bench, parse_sweep
-from hil.design.sequence.search import Candidate, Goal, Proposal
+from hil.design.sequence.search import Candidate, Goal, Proposal, spelled_out
 from hil.files.document import picked
 from hil.files.durable import check_new, write_result
 from hil.files.strict import parse_yaml
+from procedures.words import counted
 
 SCHEMA = "hil.design/1"
+_DAY_S = 86400.0
+_LONG_DAYS = 3.0
+"""Of repeats in one night of days it is said what they are for, and what would spare them."""
 
 
 def design_document(proposal: Proposal, goal: Goal, sweep: Sweep, bench: Bench) -> dict[str, Any]:
@@ -32,10 +37,13 @@ def design_document(proposal: Proposal, goal: Goal, sweep: Sweep, bench: Bench) 
             "scatter": dict(goal.scatter),
             "scatter_of": {str(number): dict(of) for number, of in goal.scatter_of.items()},
             "lasting_of": {str(number): list(of) for number, of in goal.lasting_of.items()},
+            "at_most_of": {str(number): dict(of) for number, of in goal.at_most_of.items()},
         },
         "met": not proposal.missing,
         "missing": list(proposal.missing),
+        "said": [*_in_days(proposal, goal), *_at_most(proposal, goal)],
         "proposed": _entry(proposal.best),
+        "at_most": {str(number): dict(of) for number, of in proposal.at_most.total.items()},
         "with_more_time": None if proposal.with_more_time is None else _entry(proposal.with_more_time),
         "compared": [_entry(each) for each in proposal.compared],
     }
@@ -59,6 +67,42 @@ def _entry(candidate: Candidate) -> dict[str, Any]:
             for number, worth in candidate.worth.items()
         },
     }
+
+
+def _in_days(proposal: Proposal, goal: Goal) -> Iterator[str]:
+    """Say of a night of days what its repeats are for: of what runs scatter by by more than was asked."""
+    longest = proposal.with_more_time or proposal.best
+    if longest.time_s < _LONG_DAYS * _DAY_S:
+        return
+    large, targets = [], _targets(proposal, goal)
+    for number, total in longest.total.items():
+        own = {**goal.scatter_of.get(number, {}), **goal.scatter}
+        scatter = spelled_out({name: size for name, size in own.items() if size > 0.0}, total)
+        some = [f"{name} by {scatter[name]:.3g}" for name, asked in targets.items() if scatter.get(name, 0.0) > asked]
+        large += [f"sensor {number}: {', '.join(some)}"] if some else []
+    days = f"{counted(longest.repeats, 'self-calibration')} at each temperature, {longest.time_s / _DAY_S:.1f} days"
+    if large:
+        out = "are not enough" if proposal.missing and proposal.with_more_time is None else "is what it takes"
+        yield (
+            f"{days}, {out} for what runs differ by ({'; '.join(large)}; deg/hr, deg/hr/g): half as uncertain takes "
+            "four times as long. hil reconcile asks what makes them differ: what its model holds needs no repeats"
+        )
+    else:
+        yield f"{days}: more than {_LONG_DAYS:.0f} days in one sweep"
+
+
+def _at_most(proposal: Proposal, goal: Goal) -> Iterator[str]:
+    """Say which goals may be missed all the same, for few repeats told what runs scatter by."""
+    for number, most in proposal.at_most.total.items():
+        total = proposal.best.total[number]
+        asked = {name: size for name, size in _targets(proposal, goal).items() if name in total}
+        some = [f"{n} ± {most[n]:.3g} instead of {of:.3g}" for n, of in asked.items() if total[n] <= of < most[n]]
+        if some:
+            yield f"sensor {number} may miss the goal, for few repeats told what its runs differ by: {', '.join(some)}"
+
+
+def _targets(proposal: Proposal, goal: Goal) -> dict[str, float]:
+    return spelled_out(goal.targets, dict.fromkeys(name for total in proposal.best.total.values() for name in total))
 
 
 def sweep_text(proposal: Proposal, sweep: Sweep, command: str) -> str:

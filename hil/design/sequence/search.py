@@ -52,7 +52,8 @@ class Goal:
     where there are none). `residuals` are degrees of freedom left in one self-calibration; `tells_even_terms` asks that
     MU be told from terms in the square of the acceleration. `time_s` is the whole night's; `sensors` () means all.
     `scatter` is how every sensor's parameters change from run to run, `scatter_of` what repeats showed of each, and
-    `lasting_of` the parameters of which repeats showed what repeats do not average.
+    `lasting_of` the parameters of which repeats showed what repeats do not average; `at_most_of` is how large that
+    scatter may be, as far as repeats told it.
     """
 
     targets: Mapping[str, float]
@@ -65,6 +66,7 @@ class Goal:
     scatter: Mapping[str, float] = field(default_factory=dict)
     scatter_of: Mapping[int, Mapping[str, float]] = field(default_factory=dict)
     lasting_of: Mapping[int, Sequence[str]] = field(default_factory=dict)
+    at_most_of: Mapping[int, Mapping[str, float]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -92,12 +94,14 @@ class Proposal:
     """The best candidate, and what it lacks (nothing where the goal is met).
 
     `compared` are the base sweep's own sequence and its usual variants, with the base sweep's durations and repeats.
-    `with_more_time` meets a goal that the time does not allow, where anything does.
+    `with_more_time` meets a goal that the time does not allow, where anything does. `at_most` is the best again where
+    runs scatter by as much as what told it leaves possible.
     """
 
     best: Candidate
     missing: tuple[str, ...]
     compared: tuple[Candidate, ...]
+    at_most: Candidate
     with_more_time: Candidate | None = None
 
 
@@ -154,7 +158,9 @@ def propose(sweep: Sweep, bench: Bench, goal: Goal) -> Proposal:
     variants = [kind for positions in _variants(sweep, bench) if (kind := weigher.kind(positions)) is not None]
     duration_s, repeats = sweep.collect.duration_s, sweep.self_calibrations_per_temperature
     compared = tuple(weigher.weigh(kind, duration_s, repeats) for kind in variants)
-    return Proposal(best, tuple(text for text, _ in missing), compared, longer)
+    worst = _Weigher(sweep, bench, replace(goal, scatter_of={**goal.scatter_of, **goal.at_most_of}), sensors)
+    at_most = next(worst.weigh(k, best.duration_s, best.repeats) for k in [worst.kind(best.positions)] if k is not None)
+    return Proposal(best, tuple(text for text, _ in missing), compared, at_most, longer)
 
 
 def _too_little_time(sweep: Sweep, goal: Goal, shortest_s: float) -> InputError:

@@ -2,6 +2,7 @@
 
     of = scatter_of_unit(campaign)[2]
     of.sizes["MUA"]        # 4.0: one standard deviation beyond standard errors
+    of.at_most["MUA"]      # 12.4: what it may be, as far as so few repeats tell
     of.lasting             # ("BA",): what ages, jumps or differs from visit to visit is the same in neighbouring runs
 
 A mean of repeats is as much surer as they are independent. Runs of a unit that ages follow each other along a line, and
@@ -11,17 +12,25 @@ what a temperature's history leaves is the same through a visit: more of them te
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from hil.campaign import Campaign
+import numpy as np
+from scipy.special import chdtri
+
+from hil.campaign import Campaign, FloatArray
 from hil.solve.between_runs import TIME, WAY
 from hil.solve.repeats import repeats
 from hil.solve.runs import solve_campaign
+from hil.solve.uncertain import CONFIDENCE, Spread
 
 
 @dataclass(frozen=True)
 class UnitScatter:
-    """One sensor's: `sizes` by parameter, deg/hr and deg/hr/g, the `lasting`, which repeats do not average, and why."""
+    """One sensor's: `sizes` by parameter, deg/hr and deg/hr/g, the `lasting`, which repeats do not average, and why.
+
+    No size is larger than `at_most` with a probability of 95 %: of few repeats it is known badly.
+    """
 
     sizes: Mapping[str, float]
+    at_most: Mapping[str, float]
     lasting: tuple[str, ...]
     said: tuple[str, ...]
 
@@ -33,6 +42,15 @@ def scatter_of_unit(campaign: Campaign) -> dict[int, UnitScatter]:
         ages = [name for name, columns in shown.between.follow.items() if {TIME, WAY} & {*columns}]
         if shown.repeated:
             lasting = dict.fromkeys([*ages, *shown.between.jumps, *shown.of_visits])
-            sizes = dict(zip(shown.names, shown.spread.beyond.tolist(), strict=True))
-            out[number] = UnitScatter(sizes, tuple(lasting), tuple(shown.between.in_words))
+            both = (shown.spread.beyond, _at_most(shown.spread))
+            sizes, at_most = (dict(zip(shown.names, of.tolist(), strict=True)) for of in both)
+            out[number] = UnitScatter(sizes, at_most, tuple(lasting), tuple(shown.between.in_words))
     return out
+
+
+def _at_most(spread: Spread) -> FloatArray:
+    """Return what parameters (p,) scatter by beyond standard errors at most: the variance of a run is chi-square's."""
+    freedom = np.clip(spread.freedom, 1.0, 1e6)
+    stated = np.where(spread.degrees > 0, spread.stated, 0.0) ** 2
+    whole = (stated + spread.beyond**2) * freedom / chdtri(freedom, CONFIDENCE)
+    return np.where(spread.degrees > 0, np.sqrt(np.maximum(whole - stated, 0.0)), spread.beyond)
