@@ -46,13 +46,19 @@ SAME_G = 0.05  # units whose accelerations differ by more stood in other positio
 
 @dataclass(frozen=True)
 class UnitFinding:
-    """One unit of a fleet: log odds that something is missing, p-value, q-value over the fleet, the leading name."""
+    """One unit: log odds that anything is missing, p-value, q-value over the fleet, what leads, what may as well."""
 
     statistic: float
     p_value: float
     q_value: float
     leader: str
     share: float
+    rivals: Sequence[tuple[str, float]] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What leads, or may: no order of them is certain but the alphabet's."""
+        return tuple(sorted([self.leader, *(name for name, _ in self.rivals)]))
 
 
 @dataclass(frozen=True)
@@ -85,10 +91,14 @@ class Asked:
     def findings(self, by_name: FloatArray) -> list[UnitFinding]:
         """Return what is found of each unit, by what `weigh` says of all of them, (n, u)."""
         posterior, statistic = by_name + self.log_odds[:, None], self.statistic(by_name)
-        p_values, leaders = _ville(statistic), np.argmax(posterior, axis=0)
-        share = np.exp(posterior[leaders, np.arange(len(leaders))] - statistic)
+        p_values, likely = _ville(statistic), [self._likely(share) for share in np.exp(posterior - statistic).T]
         numbers = (each.tolist() for each in (statistic, p_values, false_discovery(p_values)))
-        return list(map(UnitFinding, *numbers, [self.names[each] for each in leaders], share.tolist()))
+        return list(map(UnitFinding, *numbers, *([of[k] for of in likely] for k in range(3))))
+
+    def _likely(self, share: FloatArray) -> tuple[str, float, list[tuple[str, float]]]:
+        """Return the leader of the names by their shares (n,), its share, and what as well may be it."""
+        leader, *others = sorted(zip(self.names, share.tolist(), strict=True), key=lambda each: -each[1])
+        return *leader, [each for each in others if each[1] > 1.0 - CERTAIN]
 
     def mixed(self, by_name: FloatArray) -> FloatArray:
         """Return log evidence that some fraction lacks a name, and that some unit does alone, (k + 1, n).
@@ -105,10 +115,9 @@ class Asked:
         statistic = float(log_sum(posterior.reshape(-1, 1))[0])
         alone = float(log_sum((mixed[:, -1] + self.log_odds).reshape(-1, 1))[0]) - np.log(units)
         share = np.exp(posterior - statistic)
-        p_value, of_names = float(_ville(np.array([statistic - max(alone, 0.0)]))[0]), share.sum(axis=0).tolist()
-        (name, whole), *others = sorted(zip(self.names, of_names, strict=True), key=lambda each: -each[1])
+        p_value, of_names = float(_ville(np.array([statistic - max(alone, 0.0)]))[0]), share.sum(axis=0)
+        name, whole, rivals = self._likely(of_names)
         fraction = FRACTIONS[int(np.argmax(share[:, self.names.index(name)]))]
-        rivals = [each for each in others if each[1] > 1.0 - CERTAIN]
         return SharedFinding(name, whole, p_value, fraction, self.follows, rivals)
 
 

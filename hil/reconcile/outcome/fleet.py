@@ -11,6 +11,7 @@ from hil.files.document import picked
 from hil.files.figure import LOOKS, blank
 from hil.files.page import inline_svg, rendered
 from hil.reconcile.campaigns import LEVEL, Screened, ScreenedUnit
+from hil.reconcile.fleet import SharedFinding, UnitFinding
 from hil.solve.omissions import in_words
 from procedures.words import counted, first_few, listed, numbered, percent
 
@@ -26,15 +27,13 @@ def fleet_document(found: Screened) -> dict[str, Any]:
         "model": found.model,
         "simulated": any(each.simulated for each in found.units),
         "level": LEVEL,
-        "units": [_row(each) | dict(each.wrong) for each in found.units],
-        "effects": [
-            {"id": name, "count": count, "serials": serials} for name, count, serials in _by_effect(found.units)
-        ],
+        "units": [_row(each) | _rivals(each.finding) | dict(each.wrong) for each in found.units],
+        "effects": list(_effects(found.units)),
         "shared": [
             {
                 "layout_number": number,
                 **picked(each, "id=name probability=share p_value fraction values_follow_temperature=follows"),
-                "rivals": [{"id": name, "probability": share} for name, share in each.rivals],
+                **_rivals(each),
             }
             for number, each in found.shared
         ],
@@ -75,8 +74,8 @@ def fleet_sentences(found: Screened) -> Iterator[str]:
         f"{len(worth) or 'none'} of {_counted(found.units)} deserve{'s' * (len(worth) < 2)} a full hil reconcile"
         f"{called * bool(worth)}{few}"
     )
-    for name, _, _ in _by_effect(worth):
-        yield f"{name} leads in {_counted([each for each in worth if each.finding.leader == name])}"
+    for led, own in _by_names(worth):
+        yield f"{' or '.join(led)} leads in {_counted(own)}{', which of them is not certain' * (len(led) > 1)}"
     for number, each in shared:
         own = [unit for unit in found.units if unit.layout == number]
         names = [f"{name} ({percent(share)})" for name, share in ((each.name, each.share), *each.rivals)]
@@ -143,26 +142,38 @@ def _row(each: ScreenedUnit) -> dict[str, Any]:
     }
 
 
-def _by_effect(units: Sequence[ScreenedUnit]) -> list[tuple[str, int, list[str]]]:
-    """Return the effects that lead in units that are called, the commonest first, with the units' serial numbers."""
+def _rivals(finding: UnitFinding | SharedFinding) -> dict[str, Any]:
+    return {"rivals": [{"id": name, "probability": share} for name, share in finding.rivals]}
+
+
+def _by_names(units: Sequence[ScreenedUnit]) -> list[tuple[tuple[str, ...], list[ScreenedUnit]]]:
+    """Return the units that are called by what leads in them, or may, the commonest first."""
     called = [each for each in units if each.worth]
-    counts = Counter(each.finding.leader for each in called)
-    return [
-        (name, count, sorted(each.serial for each in called if each.finding.leader == name))
-        for name, count in counts.most_common()
-    ]
+    counts = Counter(each.finding.names for each in called)
+    ordered = sorted(counts, key=lambda names: (-counts[names], names))
+    return [(names, [each for each in called if each.finding.names == names]) for names in ordered]
+
+
+def _effects(units: Sequence[ScreenedUnit]) -> Iterator[dict[str, Any]]:
+    """Yield each effect that leads, or may, in units that are called, the commonest first, with serial numbers."""
+    called = [each for each in units if each.worth]
+    counts = Counter(name for each in called for name in each.finding.names)
+    for name in sorted(counts, key=lambda name: (-counts[name], name)):
+        serials = sorted(each.serial for each in called if name in each.finding.names)
+        certain = sum(each.finding.names == (name,) for each in called)
+        yield {"id": name, "count": counts[name], "certain": certain, "serials": serials}
 
 
 def _pictures(units: Sequence[ScreenedUnit], worth: Sequence[ScreenedUnit]) -> Iterator[str]:
     """Yield which effect leads in how many units, then the odds of every unit by date and by serial number."""
-    effects = _by_effect(worth)
+    effects = [(" or ".join(names), own) for names, own in _by_names(worth)]
     figure, axes = blank(6.4, 1.1 + 0.28 * len(effects))
     # Room for the longest name, in shares of the width.
-    figure.subplots_adjust(left=min(0.6, 0.05 + 0.0125 * max((len(name) for name, *_ in effects), default=0)), top=0.95)
-    axes.barh([name for name, *_ in effects][::-1], [count for _, count, _ in effects][::-1], color="#0072B2")
+    figure.subplots_adjust(left=min(0.6, 0.05 + 0.0125 * max((len(name) for name, _ in effects), default=0)), top=0.95)
+    axes.barh([name for name, _ in effects][::-1], [len(own) for _, own in effects][::-1], color="#0072B2")
     axes.set_xlabel("units that are called")
-    yield inline_svg(figure, f"Units by effect: {', '.join(f'{name} {count}' for name, count, _ in effects)}")
-    looks = dict(zip([name for name, *_ in effects[:_MOST_NAMES]], LOOKS.values(), strict=False))
+    yield inline_svg(figure, f"Units by effect: {', '.join(f'{name} {len(own)}' for name, own in effects)}")
+    looks = dict(zip([name for name, _ in effects[:_MOST_NAMES]], LOOKS.values(), strict=False))
     dated = {each.folder: date.fromisoformat(each.date).toordinal() for each in units if each.date}
     numbered = {each.folder: int(of[1]) for each in units if (of := _NUMBER.search(each.serial))}
     for places, what in ((dated, "date"), (numbered, "serial number")):
@@ -177,10 +188,9 @@ def _over(units: Sequence[ScreenedUnit], places: dict[str, int], what: str, look
     groups: list[tuple[str, list[ScreenedUnit], dict[str, Any]]] = [
         ("not called", [e for e in here if not e.worth], {"color": "0.75", "marker": "."})
     ]
-    groups += [(n, [e for e in here if e.worth and e.finding.leader == n], look) for n, look in looks.items()]
-    groups.append(
-        ("others", [e for e in here if e.worth and e.finding.leader not in looks], {"color": "0.45", "marker": "."})
-    )
+    called = [(" or ".join(e.finding.names), e) for e in here if e.worth]
+    groups += [(name, [e for own, e in called if own == name], look) for name, look in looks.items()]
+    groups.append(("others", [e for own, e in called if own not in looks], {"color": "0.45", "marker": "."}))
     for name, own, look in groups:
         if own:
             x, y = [places[e.folder] for e in own], [e.finding.statistic for e in own]

@@ -32,7 +32,7 @@ def test_the_faulty_units_are_called_and_the_others_go_on(screened: Screened) ->
     """By name; what cannot be screened is told with its reason; another layout is a group of its own."""
     document = fleet_document(screened)
     assert {each["folder"][-3:] for each in document["units"] if each["worth"]} == {"u03", "u09"}
-    assert document["effects"] == [{"id": "supply", "count": 2, "serials": ["A003", "A009"]}]
+    assert document["effects"] == [{"id": "supply", "count": 2, "certain": 2, "serials": ["A003", "A009"]}]
     assert len(document["units"]) == 16
     assert {each["layout_number"] for each in document["units"]} == {1, 2, 3}
     told = {Path(each["folder"]).name: each["reason"] for each in document["not_screened"]}
@@ -334,6 +334,28 @@ def test_what_a_fleet_cannot_tell_from_its_shared_name_is_said_beside_it() -> No
     told = Screened("matrix-6", units, [(1, shared)], {}, ())
     assert any("seem to lack hyst (53 %) or bias_T (47 %), p = " in line for line in fleet_sentences(told))
     assert [each["id"] for each in fleet_document(told)["shared"][0]["rivals"]] == ["bias_T"]
+
+
+def test_names_whose_order_is_chance_stand_beside_each_other() -> None:
+    """One draw more or less of noise had made hyst or bias_T the name of a unit, and so the order of a fleet."""
+    asked = Asked(["hyst", "bias_T", "supply"], np.log([0.1, 0.1, 0.1]), follows=False)
+    by_name = np.array([[9.1, 9.0, 9.0, 2.0], [9.0, 9.1, 9.0, 1.0], [0.0, 0.0, 1.0, 12.0]])
+    found = asked.findings(by_name)
+    assert [each.names for each in found] == [("bias_T", "hyst")] * 3 + [("supply",)]
+    assert found[0].rivals[0][0] == "bias_T"
+    units = [
+        ScreenedUnit(f"u{i}", "", f"{i}", "", False, (), {}, layout=1, finding=replace(each, q_value=0.01))
+        for i, each in enumerate(found)
+    ]
+    told = Screened("matrix-6", units, [], {}, ())
+    lines = [line for line in fleet_sentences(told) if " leads in " in line]
+    assert lines == ["bias_T or hyst leads in 3 units, which of them is not certain", "supply leads in 1 unit"]
+    assert '<td class="text">bias_T or hyst</td>' in fleet_page(told)
+    document = fleet_document(told)
+    counted = [(each["id"], each["count"], each["certain"]) for each in document["effects"]]
+    assert counted == [("bias_T", 3, 0), ("hyst", 3, 0), ("supply", 1, 1)]
+    assert [each["id"] for each in document["units"][1]["rivals"]] == ["hyst"]
+    assert document["units"][3]["rivals"] == []
 
 
 @pytest.mark.parametrize(
