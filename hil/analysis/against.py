@@ -6,7 +6,9 @@
 A difference is this campaign's mean at a temperature less the earlier one's, with the standard uncertainty of both
 means that every command states (`hil.solve.repeats`); where one of the campaigns repeated nothing, its runs scatter as
 those of the other do. It is beyond three sigma where chance makes it so large as rarely
-as that, in 0.27 % of cases: of few runs that is more than three of these uncertainties (Student's t).
+as that, in 0.27 % of cases: of few runs that is more than three of these uncertainties (Student's t). What changed is
+what is beyond that and beyond what chance makes of all that were compared: none of them, in 99 % of comparisons. What
+one cause makes of many of them is told as that cause (`hil.analysis.one_cause`).
 """
 
 import math
@@ -15,18 +17,20 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
+from scipy.special import ndtri
 
 from hil.analysis.night_verdict import night_verdict
+from hil.analysis.one_cause import Differ, looks_like
 from hil.campaign import Campaign, Collects, FloatArray
 from hil.files.numbers import decimals_for, degrees, estimate
 from hil.solve import repeats, solve_campaign
-from hil.solve.temperatures import NOT_SETTLED, apart, nearest, runs_by_temperature
-from hil.solve.uncertain import MeanAt, Uncertain
+from hil.solve.repeats import SensorRepeats
+from hil.solve.temperatures import NOT_SETTLED, apart, nearest, order_of_runs, runs_by_temperature
+from hil.solve.uncertain import RARE, MeanAt, Uncertain
 from procedures.verdict import NOT_GOOD
 from procedures.words import first_few, listed, numbered
 
 SIGMAS = 3.0
-_BY_CHANCE = 0.00135  # of a normal distribution, beyond three sigma on one side
 _LEAST_PLACES = 3  # positions and temperatures in common that a turned sign or another gain must explain together
 _PLACES = {"latitude_deg": 0.2, "heading_deg": 3.0}  # beyond what two people write of one bench
 _MENDED = 0.05  # of the squares of what was different must be left
@@ -68,9 +72,10 @@ class Difference:
 class Comparison:
     """What two campaigns have in common, sensor by sensor, temperature by temperature (matched to 2 °C).
 
-    `differences` of their means; in `remarks` what must be known about them, of which `doubts` contradict this
-    campaign; `without` says by sensor and temperature why there is none, and `meaningless` why no difference says
-    anything of the unit: the same rates, two units, a bad campaign. `source` is who recorded the earlier one, and when.
+    `differences` of their means, and the `causes` that make all of what changed, in words; in `remarks` what must be
+    known about them, of which `doubts` contradict this campaign; `without` says by sensor and temperature why there is
+    none, and `meaningless` why no difference says anything of the unit: the same rates, two units, a bad campaign.
+    `source` is who recorded the earlier one, and when.
     """
 
     def __init__(self, campaign: Campaign, earlier: Campaign) -> None:
@@ -82,7 +87,7 @@ class Comparison:
         units = _unit(campaign), _unit(earlier)
         itself, told = list(_itself(campaign, earlier)), list(_units(*units))
         self.doubts = [*_slips(campaign, earlier), *_sites(campaign.site, earlier.site)]
-        self.remarks = remarks = [*self.doubts, *itself, *told]
+        self.remarks = remarks = [*self.doubts, *itself, *told, *_orders(campaign, earlier)]
         judged = night_verdict("complete", solved[1])
         bad = [f"The earlier campaign is {judged.verdict}: {judged.reason}."] if judged.verdict in NOT_GOOD else []
         self.meaningless = next(iter([*itself, *(told if all(units) and units[0] != units[1] else []), *bad]), "")
@@ -101,6 +106,8 @@ class Comparison:
                         name: (one, match.values[name]) for name, one in mean.values.items() if name in match.values
                     }
                     self.differences += [Difference(sensor, name, each, **where) for name, each in both.items()]
+        self._sigmas = max(SIGMAS, float(-ndtri(0.5 * RARE / max(len(self.differences), 1))))
+        self.causes = [] if self.meaningless else [*self._causes(earlier, before)]
         if not all(math.isfinite(each.difference.sd) for each in self.differences):
             remarks.append(
                 "Where no uncertainty is given, neither standard errors nor repeats are there to tell it from."
@@ -108,8 +115,36 @@ class Comparison:
 
     @property
     def flagged(self) -> Sequence[Difference]:
-        """The differences beyond three sigma."""
-        return [each for each in self.differences if each.flagged]
+        """The differences beyond chance, of all that were compared."""
+        return [
+            each for each in self.differences if abs(each.difference.value) > each.difference.expanded(self._sigmas)
+        ]
+
+    def _causes(self, earlier: Campaign, before: Mapping[int, SensorRepeats]) -> Iterator[str]:
+        """Yield what makes all that is beyond chance in one sensor, where one cause or two do."""
+        for sensor in dict.fromkeys(each.sensor for each in self.flagged):
+            of = [(each, each.difference) for each in self.differences if each.sensor == sensor]
+            of = [(each, by) for each, by in of if math.isfinite(by.sd) and by.sd > 0.0]
+            values, bound = np.array([(by.value, by.expanded(self._sigmas)) for _, by in of]).T
+            places = [(each.parameter, each.temperature_degC) for each, _ in of]
+            if told := looks_like(sensor, Differ(places, values, bound / self._sigmas, bound), earlier, before[sensor]):
+                yield f"sensor {sensor}: all of that looks like {told}"
+
+    @property
+    def agreeing(self) -> str:
+        """Say which values are as they were, and by how much the others are not."""
+        if not (found := self.flagged):
+            return ""
+        by = sorted(abs(each.difference.value) / each.difference.sd for each in found)
+        far = " to ".join(dict.fromkeys(f"{each:.2g}" for each in (by[0], by[-1])))
+        changed = {(each.sensor, each.parameter) for each in found}
+        same = dict[int, dict[str, None]]()
+        for each in self.differences:
+            if (each.sensor, each.parameter) not in changed:
+                same.setdefault(each.sensor, {})[each.parameter] = None
+        named = "; ".join(f"sensor {number}: {listed(list(names))}" for number, names in same.items())
+        agree = f"at every temperature these agree, {named}" if named else "no parameter agrees at every temperature"
+        return f"they differ by {far} times their ±; {agree}"
 
     @property
     def sentence(self) -> str:
@@ -120,8 +155,8 @@ class Comparison:
         alone = all(mean.beyond is None for each in self.differences for mean in each.means)
         unknown = ", and beside it whatever changes from run to run, which neither repeats" * alone
         return (
-            f"{found} of {all_of} differences from “{self.earlier}” {'is' if found == 1 else 'are'} beyond 3 sigma; "
-            f"chance alone gives {all_of * 2.0 * _BY_CHANCE:.1g}{unknown}"
+            f"{found} of {all_of} differences from “{self.earlier}” {'is' if found == 1 else 'are'} beyond chance, "
+            f"which alone brings any there in {100.0 * RARE:g} % of comparisons{unknown}"
         )
 
     @property
@@ -136,7 +171,7 @@ class Comparison:
 
     @property
     def first(self) -> Sequence[Difference]:
-        """The first few of the differences beyond three sigma."""
+        """The first few of the differences beyond chance."""
         return first_few(self.flagged, _SHOWN)[0]
 
     def sentences(self) -> list[str]:
@@ -145,7 +180,8 @@ class Comparison:
         why = dict.fromkeys(filter(None, [*self.doubts, self.meaningless]))
         rest = len(self.flagged) - len(self.first)
         more = [f"and {rest} more: the page has all"] * (rest > 0)
-        return [marked, *(each.sentence for each in self.first), *more, *why]
+        same = filter(None, [self.agreeing])
+        return [marked, *same, *self.causes, *(each.sentence for each in self.first), *more, *why]
 
 
 _Place = tuple[str, tuple[int, ...]]  # a position, and the runs of one temperature
@@ -219,6 +255,17 @@ def _sites(now: Mapping[str, float], before: Mapping[str, float]) -> Iterator[st
         if key in now and key in before and abs(now[key] - before[key]) > far:
             what = key.removesuffix("_deg")
             yield f"The {what} is {now[key]:g} deg now and was {before[key]:g}: was the bench moved, or is one wrong?"
+
+
+def _orders(campaign: Campaign, earlier: Campaign) -> Iterator[str]:
+    """Yield that two campaigns took their collects in other orders, once for all sensors."""
+    for number in sorted(campaign.sensors.keys() & earlier.sensors.keys()):
+        both = ({*order_of_runs(of.sensors[number].conditions).values()} for of in (campaign, earlier))
+        now, before = (sorted("-".join(order) for order in orders) for orders in both)
+        if not {*now} & {*before}:
+            was = f"Collects were taken in the order {listed(now, 2)} now and {listed(before, 2)} before"
+            yield f"{was}: what drifts through a run, or is missing from the model, moves their values otherwise."
+            return
 
 
 def _unit(campaign: Campaign) -> str:

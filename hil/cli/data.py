@@ -56,7 +56,7 @@ def report(
     source: Source,
     out: Annotated[Path | None, Option(help="Where to write it; default: report.html in the folder.")] = None,
     against: Annotated[
-        Path | None, Option(help="An earlier night or campaign of the same unit: what changed, flagged beyond 3 sigma.")
+        Path | None, Option(help="An earlier night or campaign of the same unit: what changed beyond chance.")
     ] = None,
     limits: Limits = None,
     strict: Strict = False,

@@ -120,17 +120,21 @@ def runs_made_alike(conditions: Conditions) -> tuple[tuple[float | None, tuple[i
 
     Where no two are so, those of a visit are a group, as in `runs_by_visit`.
     """
-    every = runs_by_visit(conditions)
-    order = {
-        run: tuple(conditions.position[rows[np.argsort(conditions.start_s[rows])]].tolist())
-        for run, rows in conditions.of_each_run.items()
-    }
+    every, order = runs_by_visit(conditions), order_of_runs(conditions)
     alike = tuple(
         (degC, tuple(run for run in runs if order[run] == own))
         for degC, runs in every
         for own in dict.fromkeys(order[run] for run in runs)
     )
     return alike if any(len(runs) > 1 for _, runs in alike) else every
+
+
+def order_of_runs(conditions: Conditions) -> dict[int, tuple[str, ...]]:
+    """Return in which order each run took its positions."""
+    return {
+        run: tuple(conditions.position[rows[np.argsort(conditions.start_s[rows])]].tolist())
+        for run, rows in conditions.of_each_run.items()
+    }
 
 
 def how_many(conditions: Conditions) -> str:

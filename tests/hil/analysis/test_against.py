@@ -71,6 +71,7 @@ def test_chance_flags_no_more_than_three_sigma_does(first: Campaign) -> None:
     """Pairs of campaigns that differ by noise alone: 0.27 % of differences or fewer are beyond 3 sigma."""
     rng = np.random.default_rng(5)
     pairs = [Comparison(again(first, rng), again(first, rng)) for _ in range(12)]
+    assert not [each for pair in pairs for each in pair.flagged]  # which chance brings in 1 % of pairs
     everything = [each for pair in pairs for each in pair.differences]
     assert len(everything) == 12 * 48
     assert sum(each.flagged for each in everything) <= 5  # 1.6 expected; more than 5 has a chance of 0.6 %
@@ -219,7 +220,7 @@ def test_the_command_compares_two_folders(tmp_path: Path, capsys: pytest.Capture
     said, found = capsys.readouterr().out, Comparison(*(read_campaign(tmp_path / name) for name in ("c7", "c8")))
     assert found.flagged
     assert "\n".join(found.sentences()) in said
-    assert found.sentences()[1] == found.flagged[0].sentence
+    assert found.flagged[0].sentence in found.sentences()
 
 
 @pytest.mark.parametrize(
