@@ -29,7 +29,7 @@ _SINGULAR = 1e6
 
 @dataclass(frozen=True)
 class Differ:
-    """By how much m values differ, with what chance may make of each: its ± where that is, and the `bound` of it.
+    """By how much `values` (m,) differ, each with its ±, `sd` (m,), and the `bound` (m,) of what chance may make of it.
 
     `places` are their parameters and temperatures.
     """
