@@ -160,13 +160,12 @@ def visibility(
     from hil.config import load_bench, load_sweep
     from hil.design.visibility.document import campaign_document, sweep_document, visibility_text
     from hil.model import load_model
-    from hil.reconcile.scattering import unmoved
 
     chosen = None if model is None else load_model(model)
     if Path(source).is_dir():
         if bench is not None:
             raise InputError(f"--bench is for a sweep: {source} was measured, and nothing of a bench is asked of it")
-        document = campaign_document(read_source(Path(source)), chosen, unmoved=unmoved)
+        document = campaign_document(read_source(Path(source)), chosen)
     else:
         document = sweep_document(load_sweep(source), load_bench(bench or "simulated"), chosen)
     return Answer(document, lambda: [visibility_text(document)])

@@ -54,7 +54,7 @@ class Scattering:
     @property
     def moves(self) -> tuple[str, ...]:
         """What moves the mean beside it, by id."""
-        return _moves(self.answer)
+        return tuple(id_of(n, self.answer.fit) for n in self.answer.reading.names if n.acts_on == "mean")
 
     @cached_property
     def sizes(self) -> tuple[scatter.FoundScatter, ...]:
@@ -143,22 +143,8 @@ class Scattering:
 
 def what_scatters(campaign: Campaign) -> Scattering:
     """Weigh what may scatter in a campaign; raises `InputError` where no form fits a sensor."""
-    answer = _searched(campaign)
-    to_record = lacking(campaign, answer.scatter, answer.noise)
-    return Scattering(answer, common_and_differential(campaign), to_record, otherwise(campaign, answer.rows))
-
-
-def unmoved(campaign: Campaign) -> tuple[Campaign, tuple[str, ...]]:
-    """Return a campaign less what is found to move its rates, and the ids of that; of nothing the rates are its own."""
-    answer = _searched(campaign)
-    return answer.unmoved, _moves(answer)
-
-
-def _searched(campaign: Campaign) -> Answer:
     asked = with_stand_ins(pooled(campaign))
     model = load_model(default_form(next(iter(usable(asked).sensors.values())).conditions).name)
-    return searched(asked, model, (*BASE_EFFECTS, *EFFECTS), VARIANCE_EFFECTS, ALPHA)
-
-
-def _moves(answer: Answer) -> tuple[str, ...]:
-    return tuple(id_of(n, answer.fit) for n in answer.reading.names if n.acts_on == "mean")
+    answer = searched(asked, model, (*BASE_EFFECTS, *EFFECTS), VARIANCE_EFFECTS, ALPHA)
+    to_record = lacking(campaign, answer.scatter, answer.noise)
+    return Scattering(answer, common_and_differential(campaign), to_record, otherwise(campaign, answer.rows))

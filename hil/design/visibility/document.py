@@ -7,7 +7,7 @@ campaign_document(campaign, model)
 """
 
 import math
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -175,21 +175,13 @@ def _planned(conditions: Conditions, model: Model, level: NoiseLevel) -> NoiseLe
     return level
 
 
-Unmoved = Callable[[Campaign], tuple[Campaign, Sequence[str]]]
-"""Takes off a campaign what certainly or probably moves its rates, and names it."""
-
-
 def campaign_document(
-    campaign: Campaign,
-    model: Model | None = None,
-    changes: Sequence[Change] = CHANGES,
-    unmoved: Unmoved | None = None,
+    campaign: Campaign, model: Model | None = None, changes: Sequence[Change] = CHANGES
 ) -> dict[str, object]:
     """Return the map of collects that were measured, with their own standard errors, gaps, and scatter of repeats.
 
     What the terms of a `model` make is taken off, and what it states of noise counts where the campaign states and
-    shows none; the `changes` are weighed. Where repeats certainly scatter, in no more than `MOST_RUNS` runs, `unmoved`
-    says what of that is no noise. Raises `InputError` where that cannot be known.
+    shows none; the `changes` are weighed. Raises `InputError` where that cannot be known.
     """
     told = {"simulated": campaign.simulated, "warnings": list(campaign.warnings), **what_is_wrong(campaign)}
     if model is not None:
@@ -209,12 +201,6 @@ def campaign_document(
         }
         campaign = replace(campaign, sensors=typical)
         shown = repeats(campaign, solve_campaign(campaign), runs_made_alike)
-    few = all(len(rows.conditions.of_each_run) <= MOST_RUNS for rows in campaign.sensors.values())
-    if unmoved is not None and few and any(np.any(each.by_noise.certain) for each in shown.values()):
-        less, names = unmoved(campaign)
-        beside_it = repeats(less, solve_campaign(less), runs_made_alike) if names else {}
-        if any(np.any(shown[n].by_noise.certain & ~each.by_noise.certain) for n, each in beside_it.items()):
-            shown, told = beside_it, {"no_noise": list(names), **told}
     used = with_stand_ins(usable(treated(campaign))).sensors
     conditions = {number: rows.conditions for number, rows in used.items()}
     sigmas = {  # as large as residuals and repeats show them to be

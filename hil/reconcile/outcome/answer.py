@@ -122,16 +122,8 @@ class Answer:
     @cached_property
     def taken_off(self) -> Campaign:
         """The campaign with what is known, and what was found, taken off."""
-        return self._less(pooled(self.scatter))
-
-    @cached_property
-    def unmoved(self) -> Campaign:
-        """The campaign with what is known, and what was found to move its rates, taken off."""
-        return self._less(())
-
-    def _less(self, scatter: Sequence[FoundScatter]) -> Campaign:
         sure = mended(self.problem.sensors, certain(self.reading.mistakes, self.fit, self.campaign))
-        return taken_out(self.problem, sure, self.terms, scatter)
+        return taken_out(self.problem, sure, self.terms, pooled(self.scatter))
 
     @cached_property
     def left(self) -> Solved:

@@ -1,7 +1,6 @@
 """The questions that several commands answer, and where each keeps its answer.
 
-A command that answers one of the questions joins by one line in `ANSWERS`: what it prints, and where the answer stands,
-or False where it answers another question than the others.
+A command that answers one of the questions joins by one line in `ANSWERS`: what it prints, and where the answer stands.
 """
 
 from __future__ import annotations
@@ -9,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from hil.solve.runs import UNSTATED
 from tests.hil.audit.folders import LOGS
@@ -159,12 +158,7 @@ def _scattering(document: dict[str, Any], named: list[str]) -> Answer:
     return {"named": named, **told}
 
 
-def _by_repeats_alone(document: dict[str, Any]) -> bool:
-    """Whether a map's noise is what repeats show: what a search finds in them is taken off, and no other looks."""
-    return "no_noise" not in document
-
-
-ANSWERS: dict[str, dict[str, Callable[[dict[str, Any]], Answer | Literal[False]]]] = {
+ANSWERS: dict[str, dict[str, Callable[[dict[str, Any]], Answer]]] = {
     "which rows are wrong": dict.fromkeys(COMMANDS, rows),
     "which rows are mended": {
         "solve": lambda document: _mended(rows(document)),
@@ -251,15 +245,12 @@ ANSWERS: dict[str, dict[str, Callable[[dict[str, Any]], Answer | Literal[False]]
             for n, of in document["repeats"].items()
             if not _noise_assumed(document).get(n) and not of["standard_errors"]
         },
-        "visibility": lambda document: (
-            _by_repeats_alone(document)
-            and {
-                n: of["noise"]["run_bias_deg_per_hr"]
-                for n, of in document["sensors"].items()
-                if of["noise"]["source"].startswith("its repeats")
-                and not any(each in of["noise"]["source"] for each in ("standard errors", "assumed"))
-            }
-        ),
+        "visibility": lambda document: {
+            n: of["noise"]["run_bias_deg_per_hr"]
+            for n, of in document["sensors"].items()
+            if of["noise"]["source"].startswith("its repeats")
+            and not any(each in of["noise"]["source"] for each in ("standard errors", "assumed"))
+        },
     },
     "what a collect scatters by": {
         "visibility": lambda document: {
@@ -273,14 +264,11 @@ ANSWERS: dict[str, dict[str, Callable[[dict[str, Any]], Answer | Literal[False]]
         "solve": lambda document: {
             n: of["standard_errors"] for n, of in document["repeats"].items() if of["run_to_run"]
         },
-        "visibility": lambda document: (
-            _by_repeats_alone(document)
-            and {
-                n: [said for said in of["noise"]["source"].split("; ")[1:] if "standard errors" in said]
-                for n, of in document["sensors"].items()
-                if "its repeats" in of["noise"]["source"]
-            }
-        ),
+        "visibility": lambda document: {
+            n: [said for said in of["noise"]["source"].split("; ")[1:] if "standard errors" in said]
+            for n, of in document["sensors"].items()
+            if "its repeats" in of["noise"]["source"]
+        },
     },
     "how sure one run is": {
         "budget": lambda document: {

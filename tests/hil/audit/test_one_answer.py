@@ -55,10 +55,9 @@ def disagreements(ask: Ask, commands: tuple[str, ...]) -> Iterator[str]:
     for question, places in ANSWERS.items():
         asked = {key: key.partition(",")[0] for key in places}
         told = {
-            key: answer
+            key: places[key](document)
             for key, command in asked.items()
             if command in commands and (document := ask(command)) is not None
-            if (answer := places[key](document)) is not False
         }
         first = next(iter(told), "")
         for command, answer in told.items():
