@@ -189,20 +189,28 @@ def first_mistake(error: ValueError, document: object) -> str:
     if not isinstance(error, ValidationError):
         return str(error)
     problems = sorted(error.errors(include_url=False), key=lambda each: each["type"] == "missing")
-    parts, sentence = list(problems[0]["loc"]), plain_words(problems[0])
-    if problems[0]["type"].startswith("union_tag"):
-        parts.append(str(problems[0]["ctx"]["discriminator"]).strip("'"))
+    parts, sentence = _place(problems[0]), plain_words(problems[0])
     own = _OWN_KEY.match(sentence) if problems[0]["type"] == "value_error" else None
-    if problems[0]["type"] == "value_error" and own is None:
-        parts.append("")  # so that what the file does not have, the tag of one of several kinds, is not the last
     if own is not None:
         # What is checked by itself names its place as it knows it: from its own section on, or within it.
-        parts = [*(parts[:-1] if parts[-1:] == own[1].split(".")[:1] else parts), *own[1].split(".")]
+        parts = [*(parts[:-2] if parts[-2:-1] == own[1].split(".")[:1] else parts[:-1]), *own[1].split(".")]
         sentence = sentence[own.end() :]
     place = as_written(parts, document)
-    others = dict.fromkeys(as_written(list(each["loc"]), document) for each in problems[1:])
-    more = f" (also {', '.join(each)})" if (each := [where for where in others if where not in ("", place)]) else ""
+    others = [as_written(_place(each), document) for each in problems]
+    kinds = dict.fromkeys(_kind(each) for each, at in zip(problems, others, strict=True) if at == place)
+    if len(kinds) > 1 and "" not in kinds:  # of what may be of several kinds each says that it is none
+        sentence = f"must be {' or '.join(kinds)}, not {_shown(problems[0]['input'])}"
+    also = dict.fromkeys(where for where in others if where not in ("", place))
+    more = f" (also {', '.join(also)})" if also else ""
     return f"{place}: {sentence}{more}" if place else f"{sentence}{more}"
+
+
+def _place(problem: Any) -> list[int | str]:
+    """Return where a problem is; what the file does not have is only its last where just that is what is wrong."""
+    kind, parts = problem["type"], list(problem["loc"])
+    if kind.startswith("union_tag"):
+        return [*parts, str(problem["ctx"]["discriminator"]).strip("'")]
+    return parts if kind == "missing" else [*parts, ""]
 
 
 def as_written(parts: Sequence[int | str], document: object) -> str:
@@ -251,9 +259,14 @@ def plain_words(problem: Any) -> str:
         return f"must have at least {_entries(kind, context['min_length'])}"
     if kind in ("too_long", "string_too_long"):
         return f"must have at most {_entries(kind, context['max_length'])}"
-    if wanted := _KINDS.get(kind.split("_")[0]):
+    if wanted := _kind(problem):
         return f"must be {wanted}, not {given}"
     return f"{problem['msg'][0].lower()}{problem['msg'][1:]}, not {given}"
+
+
+def _kind(problem: Any) -> str:
+    """Return what should stand there instead, if that is what is wrong with it."""
+    return _KINDS.get(str(problem["type"]).split("_")[0], "")
 
 
 def _entries(kind: str, count: int) -> str:

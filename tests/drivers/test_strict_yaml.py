@@ -79,3 +79,28 @@ def test_a_key_that_nobody_knows_is_named_before_the_one_that_is_missing() -> No
     with pytest.raises(ValidationError) as caught:
         Section.model_validate(document)
     assert first_mistake(caught.value, document).startswith("temprature_degC: ")
+
+
+_TEXT = "text (in quotes where it looks like a number)"
+
+
+class _OfKinds(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+    either: str | int | bool = ""
+    both: int | None = None
+    within: dict[str, str | float] = {}
+
+
+@pytest.mark.parametrize(
+    ("document", "sentence"),
+    [
+        ({"either": [1]}, f"either: must be {_TEXT} or a whole number or true or false, not a list"),
+        ({"both": {"a": 1}}, "both: must be a whole number, not a mapping"),
+        ({"within": {"scale": {"a": 1}}}, f"within.scale: must be {_TEXT} or a number, not a mapping"),
+    ],
+)
+def test_what_may_be_of_several_kinds_is_told_with_all_of_them(document: dict[str, object], sentence: str) -> None:
+    """The place ended in ".str", which no file has, and the sentence named the first kind alone."""
+    with pytest.raises(ValidationError) as caught:
+        _OfKinds.model_validate(document)
+    assert first_mistake(caught.value, document) == sentence
