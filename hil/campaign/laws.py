@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hil.campaign.data import EARTH_RATE_DEG_PER_HR, BoolArray, Collects, Conditions, FloatArray, IntArray, Series
+from procedures.words import listed
 
 _EARTH_RATE_TOLERANCE = 0.1  # deg/hr: of the vertical component; digits, and a bench that is not level, make less
 FIXTURE_G = 0.1  # six degrees: far more than an index or a hand is off
@@ -240,7 +241,13 @@ def _from_one_to_the_next(c: Conditions, column: Callable[[str], FloatArray]) ->
     before, here = order[:-1], order[1:]
     ends_s, until = c.start_s + _UNTIL * c.duration_s, np.full(len(c), -np.inf)
     until[here] = ends_s[before]
-    yield Law("start_s", c.start_s, until, np.inf, "the collect before it, which had not ended")
+    begins = Law("start_s", c.start_s, until, np.inf, "the collect before it, which had not ended")
+    stands, later, said = np.full(len(c), False), begins.broken, ""
+    stands[here] = c.start_s[here] == c.start_s[before]
+    if later.sum() > 1 and stands[later].all():
+        at = listed(f"{each:.5g}" for each in np.unique(c.start_s[later]))
+        said = f"start_s stands still at {at}, where each collect begins after another"
+    yield replace(begins, plainly=said)
     for since in ("time_since_power_on_s", "time_since_setpoint_s", "time_since_index_s"):
         yield from _instants(since, c, column(since), ends_s)
     in_order = c.run[order]
