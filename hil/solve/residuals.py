@@ -77,9 +77,10 @@ class Changes:
 
     @cached_property
     def times(self) -> FloatArray:
-        """How many times their errors each channel's averages differ by, (c,), 1 by chance: alike where none is odd.
+        """How many times their errors each channel's averages differ by, (c,), 1 by chance.
 
-        Values that do not differ at all were rounded or copied, and tell nothing of noise.
+        Alike where none is odd, or where they are likelier so than if those that are not odd are as stated. Values that
+        do not differ at all were rounded or copied, and tell nothing of noise.
         """
 
         def times(square: float, degrees: float, among: int) -> float:
@@ -87,9 +88,12 @@ class Changes:
             return 1.0 if by_chance else math.sqrt(square / degrees)
 
         own = np.array([times(*each, len(self.freedom)) for each in zip(self.squares, self.freedom, strict=True)])
-        if np.any(own != 1.0):
-            return own
-        return np.full(len(own), times(self.squares.sum(), self.freedom.sum(), 1))
+        alike = np.full(len(own), times(self.squares.sum(), self.freedom.sum(), 1))
+        own_log, alike_log = (
+            -float(np.sum(self.freedom * np.log(of) + 0.5 * self.squares / of**2)) if np.all(of > 0.0) else -math.inf
+            for of in (own, alike)
+        )
+        return alike if alike_log > own_log else own
 
     def larger_in(self, runs: Collection[int]) -> FloatArray:
         """How many times as large as stated errors of some runs are to be taken, (c,): 1 at least."""

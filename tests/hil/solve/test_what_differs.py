@@ -13,7 +13,7 @@ from hil.model.forms import default_form
 from hil.solve import repeats, solve_campaign
 from hil.solve.asked import Asked
 from hil.solve.repeats import SensorRepeats
-from hil.solve.residuals import FAIL_PROBABILITY, LACKS, MOVED, changes
+from hil.solve.residuals import FAIL_PROBABILITY, LACKS, MOVED, Changes, changes
 from hil.solve.whitened import Whitened
 from hil.solve.wrong_rows import wrong_rows
 from procedures.verdict import Verdict
@@ -255,3 +255,20 @@ def test_what_scatters_at_a_temperature_that_was_visited_once_hides_no_differenc
     moved = with_rates(made, made.sensors[2].rates_deg_per_hr + np.outer(np.where(run > 5, 25.0, 0.0), [1.0, 0.0]))
     assert "BA" in seen(moved).of_visits
     assert "BA" not in seen(made).of_visits
+
+
+@pytest.mark.parametrize(
+    ("squares", "freedom", "times"),
+    [
+        ([1.0, 0.2], [6.0, 6.0], [0.316, 0.316]),  # of the one alone nobody is sure
+        ([7.0, 0.2], [6.0, 6.0], [1.0, 0.183]),  # and here it is as stated
+        ([0.2, 0.3], [6.0, 6.0], [0.183, 0.224]),
+        ([1.4, 1.2], [6.0, 6.0], [0.465, 0.465]),
+        ([50.0, 5.0], [6.0, 6.0], [2.887, 1.0]),
+        ([7.0, 5.0], [6.0, 6.0], [1.0, 1.0]),
+        ([0.0, 0.2], [0.0, 6.0], [1.0, 0.183]),
+    ],
+)
+def test_of_few_runs_all_channels_tell_together_what_one_is_not_sure_of(squares, freedom, times) -> None:
+    """Standard errors four times too large in both: one had been said, and the other's ± stayed as wide as stated."""
+    assert Changes(np.array(squares), np.array(freedom)).times == pytest.approx(times, abs=1e-3)
