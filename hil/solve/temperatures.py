@@ -23,12 +23,14 @@ from hil.model.effects.base import Effect
 from hil.model.effects.prior import UNSEEN
 from hil.model.forms import LinearForm, default_form, named_form, value_form
 from hil.solve.identifiability import kept_shares, orthonormal
-from procedures.words import counted, spelled
+from procedures.words import counted, listed, numbered, spelled
 
 NARROWEST_DEGC = 1.0
 """Neighbours that are this close always belong to one temperature; setpoints that are further apart never do."""
 
 _SETPOINT = "setpoint_degC"
+_MOST = 2.0 / 3.0  # of runs: fewer that agree by how much the unit is off its setpoint do not tell it
+_BY_ITSELF_DEGC = 10.0  # by so much a unit may be warmer than it was set to
 _LEFT = 0.05  # of the square of what a thermometer showed: setpoints that leave more the unit did not follow
 _SIGMAS, _DIGIT_DEGC = 5.0, 0.03  # by which a slope is no jitter; and what a thermometer of one digit makes of none
 
@@ -56,7 +58,7 @@ def same_temperature(conditions: Conditions, apart_degC: float | None = None) ->
     level = conditions.columns[name]
     known = np.isfinite(level)
     out = np.full(len(conditions), -1, dtype=np.int64)
-    out[known] = _numbered(level[known], apart_degC if name != _SETPOINT else apart_degC or NARROWEST_DEGC)
+    out[known] = numbered_degC(level[known], apart_degC if name != _SETPOINT else apart_degC or NARROWEST_DEGC)
     return out
 
 
@@ -238,7 +240,7 @@ def told_by(conditions: Conditions, apart_degC: float | None = None) -> str | No
     here = np.isfinite(own)
     if not np.all(np.isfinite(setpoint[here])):
         return said[1]
-    number = _numbered(setpoint[here], apart_degC or NARROWEST_DEGC)
+    number = numbered_degC(setpoint[here], apart_degC or NARROWEST_DEGC)
     off = own[here] - np.array([np.median(own[here][number == place]) for place in range(number.max() + 1)])[number]
     explained = np.sum(off**2) < _LEFT * np.sum((own[here] - own[here].mean()) ** 2)
     return said[0] if explained or np.mean(np.abs(off) < WIDEST_DEGC) > 0.5 else said[1]
@@ -259,9 +261,11 @@ def unit_mean_degC(conditions: Conditions, runs: Sequence[int]) -> float:
 def unsettled(conditions: Conditions) -> dict[int, str]:
     """Return the runs in which the unit, at several temperatures where one was meant, had not settled, and why.
 
-    One is meant at a setpoint, and in a run where no setpoints were recorded. It was at another than mostly there, or,
-    where no most agree, than it was left at last; or its temperature moved so fast that it was still to be. How fast
-    the thermometer tells through each run, where nobody recorded it.
+    One is meant at a setpoint, and in a run where no setpoints were recorded. It was at another than its runs at other
+    setpoints are off theirs by; or, where these do not tell, than mostly there, or, where no most agree, than it was
+    left at last: if that is near to the setpoint, or nearest, else nobody knows which it is, and it is said of all.
+    Or its temperature moved so fast that it was still to be another. How fast the thermometer tells through each run,
+    where nobody recorded it.
     """
     own, setpoint = own_degC(conditions), conditions.columns.get(_SETPOINT)
     found: dict[int, str] = {}
@@ -269,7 +273,7 @@ def unsettled(conditions: Conditions) -> dict[int, str]:
         return found
     if setpoint is not None and not np.isfinite(setpoint).all():
         setpoint = None
-    meant = conditions.run if setpoint is None else _numbered(setpoint, NARROWEST_DEGC)
+    meant = conditions.run if setpoint is None else numbered_degC(setpoint, NARROWEST_DEGC)
     line, through = _through_runs(conditions, own)
     slope, far = slope_degC_per_min(conditions, line), 0.5 * WIDEST_DEGC
     to_come = to_come_degC(slope)
@@ -281,14 +285,35 @@ def unsettled(conditions: Conditions) -> dict[int, str]:
             middle, last = np.median(own[here]), own[here[np.argmax(conditions.start_s[here])]]
             settled = middle if np.mean(np.abs(own[here] - middle) < far) > 0.5 else last
             at, of = ("", "the run") if setpoint is None else (f"setpoint {setpoint[here][0]:.4g} °C: ", "its runs")
+            if setpoint is not None:
+                usual = _mostly((own - setpoint)[(meant != place) & np.isfinite(own)], far)
+                nearest = own[here[np.argmin(np.abs((own - setpoint)[here] - (usual or 0.0)))]]
+                by_itself = abs(settled - setpoint[here[0]]) < _BY_ITSELF_DEGC
+                unknown = usual is None and abs(settled - nearest) > far and not by_itself
+                settled = nearest if usual is not None else np.inf if unknown else settled
             elsewhere = np.fmax(to_come[here], np.abs(own[here] - settled)) > far
             off = here[elsewhere if several else moves]
-            moving = f"went from {own[here].min():z.1f} to {own[here].max():z.1f} °C through {of}"
+            moving, why = f"went from {own[here].min():z.1f} to {own[here].max():z.1f} °C through {of}", NOT_SETTLED
             if not several:
                 moving = f"moved by up to {slope[off].max():.2g} °C/min, at {known_mean(own[off]):z.1f} °C in the mean"
-            words = f"{at}the unit's own thermometer {moving}: {NOT_SETTLED}"
+            elif setpoint is not None and not to_come[off].any():
+                moving, why = f"shows {_levels(conditions, own, here)}", f"it is off, or {NOT_SETTLED}"
+            words = f"{at}the unit's own thermometer {moving}: {why}"
             found |= dict.fromkeys(np.unique(conditions.run[off]).tolist(), words)
     return found
+
+
+def _mostly(off: FloatArray, far: float) -> float | None:
+    """Return what most of some numbers are near to, as far as nearly all agree; else None."""
+    middle = float(np.median(off)) if off.size else np.nan
+    return middle if off.size and np.mean(np.abs(off - middle) < far) > _MOST else None
+
+
+def _levels(conditions: Conditions, own: FloatArray, rows: IntArray) -> str:
+    """Say at which temperatures a thermometer stood in which runs."""
+    level = numbered_degC(own[rows], None)
+    of_each = [(rows[level == k], known_mean(own[rows[level == k]])) for k in np.unique(level)]
+    return listed(f"{degC:z.1f} °C in {numbered('run', conditions.run[of].tolist())}" for of, degC in of_each)
 
 
 def _through_runs(conditions: Conditions, degC: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -312,7 +337,7 @@ def _through_runs(conditions: Conditions, degC: FloatArray) -> tuple[FloatArray,
     return slopes, through
 
 
-def _numbered(values: FloatArray, apart_degC: float | None) -> IntArray:
+def numbered_degC(values: FloatArray, apart_degC: float | None) -> IntArray:
     """Number values by the temperature that they belong to, smallest first, shape (n,).
 
     Sorted values part at gaps, and the values themselves tell at which: gaps up to `NARROWEST_DEGC` never part them,

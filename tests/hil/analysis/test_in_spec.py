@@ -94,7 +94,7 @@ def test_of_a_soak_that_had_not_ended_nobody_can_tell() -> None:
         cold, *others, scatter, span = judged(moving, rule.model_copy(update=how)).characteristics
         assert {each.word for each in others} == {Word.OUT}
         for each in (cold, scatter, span):
-            assert (each.word, each.reason) == (Word.UNKNOWN, f"runs 1–2: {NOT_SETTLED}"), each
+            assert (each.word, each.reason) == (Word.UNKNOWN, f"runs 2–3: {NOT_SETTLED}"), each
         assert cold.name.startswith("sensor 2, BA at -30.0 °C (as set, unit -30.")
         assert cold.document()["temperature_of"] == "setpoint_degC"
         assert cold.unit_degC == pytest.approx((-30.0, -24.0), abs=0.4)

@@ -175,6 +175,31 @@ def test_of_a_soak_that_goes_on_the_last_run_is_nearest_to_its_end() -> None:
     assert list(unsettled(conditions(cut | cooling))) == [1, 2, 3]
 
 
+def test_two_runs_with_a_wrong_thermometer_do_not_accuse_the_right_one() -> None:
+    """What other setpoints show tells which is off; where none does both are said, unless most are where it was set."""
+    alone = {"setpoint_degC": [20.0] * 3, "temperature_degC": [40.0, 40.1, 20.0]}
+    assert list(unsettled(conditions(alone))) == [1, 2, 3]
+    assert unsettled(conditions(alone))[3] == (
+        "setpoint 20 °C: the unit's own thermometer shows 20.0 °C in run 3 and 40.0 °C in runs 1–2: it is off, or "
+        f"{NOT_SETTLED}"
+    )
+    most = {"setpoint_degC": [20.0] * 3, "temperature_degC": [20.0, 20.1, 40.0]}
+    assert list(unsettled(conditions(most))) == [3]
+    others = {"setpoint_degC": [20.0] * 3 + [40.0] * 3, "temperature_degC": [40.0, 40.1, 20.0, 40.0, 40.0, 39.9]}
+    assert list(unsettled(conditions(others))) == [1, 2]
+    warm = {"setpoint_degC": [20.0] * 3 + [40.0] * 3, "temperature_degC": [23.0, 33.0, 34.9, 55.0, 55.1, 55.2]}
+    assert list(unsettled(conditions(warm))) == [1], "by itself it is 15 °C warmer than its air"
+
+
+def test_a_thermometer_that_is_off_in_the_second_of_two_passes_is_said_of_both() -> None:
+    """At each setpoint either may be right; the runs in which it was, the first, had been called unsettled alone."""
+    setpoint = np.tile([0.0, 20.0, 40.0], 2)
+    own = setpoint + np.repeat([0.1, 20.1], 3)
+    found = unsettled(conditions({"setpoint_degC": setpoint.tolist(), "temperature_degC": own.tolist()}))
+    assert sorted(found) == [1, 2, 3, 4, 5, 6]
+    assert "shows 0.1 °C in run 1 and 20.1 °C in run 4" in found[1]
+
+
 def test_the_thermometer_tells_how_fast_a_run_goes_on_where_nobody_recorded_it() -> None:
     """At .4 °C/min no run of one had settled at its setpoint. A jitter, or one wrong reading, is no such line."""
     own = np.concatenate([setpoint - 14.0 + 0.4 * np.arange(4) for setpoint in (0.0, 20.0, 40.0)])
