@@ -2,15 +2,15 @@
 
     found = between_runs(units, runs, values, errors, conditions)
     found.follow              # {"BA": ("supply_V",)}: what that explains is no scatter from run to run
-    found.jumps["MUA"]        # Jump(size=20.1, unit="deg/hr/g", before=12, after=13)
+    found.jumps["MUA"]        # Jump(size=20.1, sd=1.9, unit="deg/hr/g", before=12, after=13)
     found.judged[5]           # no run is a PASS that others contradict across a jump
 
 Of each parameter all is asked at once, and of all temperatures together: every recorded column, time, the way to a
-temperature, and a jump between any two runs. What scatters is what each leaves (an F test), and the best of them is
-told where so much is hardly chance of any that was tried. Where visits to a temperature differ by more than runs of
-one do, the means of visits are compared: runs of one have in common what history made of them. A jump is told where
-neither a column, nor a drift, nor the way to a temperature comes near to it: of runs before and after it, at one
-temperature, each measures another unit.
+temperature, a jump between any two runs, and a run that alone is another. What scatters is what each leaves (an F
+test), and the best of them is told where so much is hardly chance of any that was tried. Where visits to a temperature
+differ by more than runs of one do, the means of visits are compared: runs of one have in common what history made of
+them. A jump is told where neither a column, nor a drift, nor the way to a temperature comes near to it: of runs before
+and after it, at one temperature, each measures another unit.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -20,13 +20,21 @@ from typing import Self
 import numpy as np
 from scipy.special import fdtrc
 
-from hil.campaign import Conditions, FloatArray, IntArray
+from hil.campaign import BoolArray, Conditions, FloatArray, IntArray
 from hil.campaign.data import known_mean
+from hil.campaign.stand_ins import OWN
 from hil.solve.identifiability import orthonormal
-from hil.solve.temperatures import runs_by_temperature, told_by, visits
+from hil.solve.temperatures import (
+    NARROWEST_DEGC,
+    numbered_degC,
+    runs_by_temperature,
+    told_by,
+    unsettled,
+    visits,
+)
 from hil.solve.uncertain import RARE, Spread
 from procedures.verdict import Judgement, Verdict
-from procedures.words import listed, numbered
+from procedures.words import listed
 
 NO_NOISE = "what a recorded column explains of it is no noise; hil reconcile looks"
 """Said where what repeats scatter by is taken for what changes from run to run by itself."""
@@ -36,18 +44,24 @@ _DRIFT = 3  # order in time of what is no jump
 _SAME = 0.999  # of its square: a column that has so much of time is no other
 _UNSEEN = 1e-6  # of a column: what differs by less at any temperature explains nothing
 _JUMP = 2  # what is fitted of a jump: its size and its place
+_TELL = {
+    "setpoint_degC": "the thermometer is off in some runs",
+    OWN: "in some runs the unit was elsewhere than it was set to",
+}
+"""What tells that runs are of one temperature, and what is wrong with the other where values agree at equal ones."""
 TIME, WAY = "time", "the way to a temperature"
 _NOTHING = 1e-12  # of the whole: what arithmetic leaves
 
 
 @dataclass(frozen=True)
 class Jump:
-    """By how much, in `unit`, a parameter is another somewhere between a run `before` and one `after`.
+    """By how much, in `unit`, a parameter is another somewhere between a run `before` and one `after`; `sd` of that.
 
-    `alone`: one run alone tells it, which may be another than all others.
+    `alone`: one run alone may be another than all others, as it certainly is where that run is both.
     """
 
     size: float
+    sd: float
     unit: str
     before: int
     after: int
@@ -59,13 +73,15 @@ class BetweenRuns:
     """What explains what a sensor's runs of one temperature differ by, by parameter: columns to `follow`, or `jumps`.
 
     `apart` are the runs at temperatures that were measured before and after a jump; none where no temperature was
-    recorded, which may be what jumps. `of_visits` are parameters that differ between visits to a temperature.
+    recorded, which may be what jumps. `of_visits` are parameters that differ between visits to a temperature. `agrees`
+    says whether values repeat where the setpoint or where the thermometer is the same, if these contradict each other.
     """
 
     follow: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     jumps: Mapping[str, Jump] = field(default_factory=dict)
     apart: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
     of_visits: Sequence[str] = ()
+    agrees: Sequence[str] = ()
 
     @property
     def in_words(self) -> list[str]:
@@ -85,7 +101,7 @@ class BetweenRuns:
             f"{listed(names)} follow{'s' * (len(names) == 1)} {' or '.join(columns)} from run to run: {NO_NOISE}"
             for columns, names in alike.items()
         ]
-        return [*said, *self._jumps(jumps)]
+        return [*said, *self._jumps(jumps), *self.agrees]
 
     @property
     def judged(self) -> dict[int, Judgement]:
@@ -101,13 +117,16 @@ class BetweenRuns:
         for name in names:
             each = self.jumps[name]
             several = by_place.setdefault((each.before, each.after, each.alone), [])
-            several.append(f"{name}{'' if several else ' jumps'} by {each.size:+.3g} {each.unit}")
-        asks = "hil reconcile asks what it is"
-        return [
-            f"{listed(said)} between {numbered('run', [before])} and {numbered('run', [after])}"
-            f"{', or in one run alone' * alone}: {asks}"
-            for (before, after, alone), said in by_place.items()
-        ]
+            how = "" if several else " is another" if each.before == each.after else " jumps"
+            several.append(f"{name}{how} by {each.size:+.3g} ± {each.sd:.2g} {each.unit}")
+        return [f"{listed(said)} {_where(*place)}: hil reconcile asks what it is" for place, said in by_place.items()]
+
+
+def _where(before: int, after: int, alone: bool) -> str:
+    """Say between which runs something jumps, or in which it is another."""
+    if before == after:
+        return f"in run {before} alone"
+    return f"between run {before} and run {after}{', or in one run alone' * alone}"
 
 
 def between_runs(
@@ -139,10 +158,32 @@ def between_runs(
                 follow[name] = columns
             if step is not None:
                 first, last = (number[here[own.whose == k]] for k in (step.first, step.last))
-                jumps[name] = Jump(step.size, unit, int(first[-1]), int(last[0]), step.alone)
+                jumps[name] = Jump(step.size, step.sd, unit, int(first[-1]), int(last[0]), step.alone)
                 if told_by(conditions) is not None:
-                    apart[name] = tuple(number[here[np.isin(group[here], step.groups)]].tolist())
-    return BetweenRuns(follow, jumps, apart, [name for name, more in zip(units, differ, strict=True) if more])
+                    apart[name] = tuple(number[here[step.runs]].tolist())
+    of_visits = [name for name, more in zip(units, differ, strict=True) if more]
+    return BetweenRuns(follow, jumps, apart, of_visits, _agrees(number, values, errors, conditions))
+
+
+def _agrees(number: IntArray, values: FloatArray, errors: FloatArray, conditions: Conditions) -> list[str]:
+    """Say which of setpoint and thermometer is wrong, where some of values (r, p) repeat far better at the other.
+
+    Asked where these contradict each other, and not said where some do at one, and some at the other.
+    """
+    levels = [conditions.columns.get(name) for name in _TELL]
+    known = [of for of in levels if of is not None and np.isfinite(of).all()]
+    if len(known) < len(_TELL) or not unsettled(conditions):
+        return []
+    of_runs = [np.array([level[conditions.of_each_run[run]].mean() for run in number.tolist()]) for level in known]
+    at = [numbered_degC(of, apart) for of, apart in zip(of_runs, (NARROWEST_DEGC, None), strict=True)]
+    setpoint, own = (Spread.of(values, errors, group) for group in at)
+    (one, wrong), (other, not_there) = _TELL.items()
+    told = [better.far_better_than(worse) for better, worse in ((setpoint, own), (own, setpoint))]
+    said = (
+        f"values agree at equal {one}, and not at equal {other}: {wrong}",
+        f"values agree at equal {other}, and not at equal {one}: {not_there}",
+    )
+    return [words for words, so in zip(said, told, strict=True) if so and not all(told)]
 
 
 def _place(number: IntArray, groups: Sequence[tuple[float | None, tuple[int, ...]]]) -> IntArray:
@@ -174,15 +215,16 @@ def _drivers(number: IntArray, visit: IntArray, conditions: Conditions) -> Itera
 
 @dataclass(frozen=True)
 class _Step:
-    """A jump by `size` somewhere between two values, the `first` and the `last`, that parts values of some `groups`.
+    """A jump by `size`, one standard deviation `sd`, between two values, the `first` and the `last`.
 
-    `alone`: one value is all that there is on one side of it.
+    `runs` (r,) are those that others contradict; `alone`: one value alone may be another, as it is where it is both.
     """
 
     size: float
+    sd: float
     first: int
     last: int
-    groups: IntArray
+    runs: BoolArray
     alone: bool
 
 
@@ -220,20 +262,25 @@ class _Compared:
         whole, freedom = float(seen @ seen), len(seen) - len(np.unique(self.group))
         if freedom <= _JUMP or whole <= 0.0:
             return (), None
-        product, norm, fewer = self._steps(seen)
+        product, norm, first, last = self._jumps(seen)
         there = np.flatnonzero(norm > _UNSEEN * norm.max(initial=0.0))
-        left = whole - product[there] ** 2 / norm[there]
+        (product, norm), (first, last) = (product[there], norm[there]), (first[there], last[there])
+        left = whole - product**2 / norm
         of_steps = _score(left, whole, freedom, _JUMP)
         tried = [*self._tried(drivers, seen)]
         of_drivers = np.array([_score(whole - shown, whole, freedom, q) for _, shown, q in tried])
         best_step, best, among = of_steps.min(initial=np.inf), of_drivers.min(initial=np.inf), len(there) + len(tried)
         if best_step + _BETTER < best:
-            k = int(np.argmin(of_steps))
-            step, alike = int(there[k]), there[of_steps < best_step + _BETTER]
+            k, alike = int(np.argmin(of_steps)), of_steps < best_step + _BETTER
             if _chance(float(left[k]), whole, freedom, 1) * among < _VERY_RARE:
-                both = np.intersect1d(self.group[: step + 1], self.group[step + 1 :])
-                size, alone = float(product[step] / norm[step]), bool(fewer[step] == 1)
-                return (), _Step(size, int(alike.min()), int(alike.max()) + 1, both, alone)
+                sd = float(np.sqrt(left[k] / (freedom - _JUMP + 1) / norm[k]))
+                start, end = int(first[alike].min()), int(last[alike].max())
+                both = np.intersect1d(self.group[: last[k]], self.group[last[k] :])
+                parted = np.isin(self.group, both) if first[k] < last[k] else self.group == self.group[first[k]]
+                runs = self.whose == start if start == end else parted[self.whose]
+                alone = bool(np.any(first[alike] == last[alike]))
+                after = -1.0 if first[k] == last[k] == start < end else 1.0  # what is off there is what goes, and comes
+                return (), _Step(after * float(product[k] / norm[k]), sd, start, end, runs, alone)
         elif best < best_step:
             _, shown, fitted = tried[int(np.argmin(of_drivers))]
             names = dict.fromkeys(name for (name, *_), of in zip(tried, of_drivers, strict=True) if of < best + _BETTER)
@@ -253,18 +300,23 @@ class _Compared:
             if np.sum(shown**2) > _UNSEEN**2 * self.weight.sum() and not same:
                 yield name, float(np.sum((basis.T @ seen) ** 2)), basis.shape[1]
 
-    def _steps(self, seen: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:
-        """Return of a step after each value but the last its product with what is seen, and its square, (m - 1,) each.
+    def _jumps(self, seen: FloatArray) -> tuple[FloatArray, FloatArray, IntArray, IntArray]:
+        """Return of a step after each value, and of each value alone, its product with what is seen, and its square.
 
-        And how many values lie on the fewer side of it, of all temperatures together.
+        And the last value before it and the first after it, which is one where a value is alone; (2 m - 1,) each. Means
+        of several runs are none that one run alone makes.
         """
-        norm, fewer = np.zeros(len(seen)), np.zeros(len(seen), dtype=np.int64)
+        count, root = len(seen), np.sqrt(self.weight)
+        of_group = np.bincount(self.group, self.weight)[self.group]
+        by_step, place = np.zeros(count), np.arange(count)
         for k in np.unique(self.group):
             here = np.flatnonzero(self.group == k)
-            up_to, count = np.cumsum(self.weight[here]), np.arange(1, len(here) + 1)
-            norm[here] = np.diff(up_to * (1.0 - up_to / up_to[-1]), prepend=0.0)
-            fewer[here] = np.diff(np.minimum(count, len(here) - count), prepend=0)
-        return -np.cumsum(np.sqrt(self.weight) * seen)[:-1], np.cumsum(norm)[:-1], np.cumsum(fewer)[:-1]
+            up_to = np.cumsum(self.weight[here])
+            by_step[here] = np.diff(up_to * (1.0 - up_to / up_to[-1]), prepend=0.0)
+        alone = self.weight * (1.0 - self.weight / of_group) * (np.bincount(self.whose) == 1)
+        product = np.concatenate([-np.cumsum(root * seen)[:-1], root * seen])
+        first, last = (np.concatenate([of, place]) for of in (place[:-1], place[1:]))
+        return product, np.concatenate([np.cumsum(by_step)[:-1], alone]), first, last
 
 
 def _sums(whose: IntArray, of_each: FloatArray) -> FloatArray:

@@ -38,6 +38,7 @@ from hil.solve.temperatures import (
     told_by,
     unit_mean_degC,
     unit_range_degC,
+    visits,
 )
 from hil.solve.uncertain import RARE, MeanAt, Spread, Uncertain
 from hil.solve.wrong_rows import treated
@@ -48,6 +49,10 @@ Grouping = Callable[[Conditions], Sequence[tuple[float | None, tuple[int, ...]]]
 MAY_FOLLOW = "{} in every collect, which what changes from run to run may follow"
 OF_MEANS = "each row is a mean of runs: by what these scattered is in its standard error, and so in every ±"
 _ONCE = "no parameter was told twice at one temperature"
+_VISITED_ONCE = (
+    "each temperature was gone to once: what changes from visit to visit, as a jump between two does, is not known, "
+    "and no ± has it; hil reconcile looks"
+)
 _NEITHER = "and have neither standard errors nor residuals"
 MISSTATED = 1.5
 """How many times as large noise has to be for anybody to see to it: it is known hardly better from unit to unit."""
@@ -67,7 +72,8 @@ class SensorRepeats:
     they have, and `noise_told` whether anything but those errors tells what noise there is. `to_record` are columns
     that nobody recorded and that what scatters beyond noise may follow. `of_means`: rows are printed means of runs,
     whose standard errors have what these scattered by. `temperature_degC` is that of every run that has one;
-    `of_visits` parameters differ between visits to one, `between` says by what, `left_larger` where residuals do.
+    `of_visits` parameters differ between visits to one, `between` says by what, `left_larger` where residuals do;
+    `visited_once` says so of several temperatures, where each was gone to once.
     """
 
     names: tuple[str, ...]
@@ -92,6 +98,7 @@ class SensorRepeats:
     of_visits: Sequence[str] = ()
     between: BetweenRuns = field(default_factory=BetweenRuns)
     left_larger: Sequence[str] = ()
+    visited_once: Sequence[str] = ()
 
     @property
     def times_of(self) -> dict[str, float]:
@@ -120,13 +127,12 @@ class SensorRepeats:
 
     def of_run(self, solution: RunSolution) -> dict[str, Uncertain]:
         """Return one run's values with what repeats show in their uncertainty; those that it could not tell lack."""
-        found, told = {}, solution.by_noise(self.left_deg_per_hr)
-        for place, (name, unit) in enumerate(zip(self.names, self.units, strict=True)):
-            each = told.get(name)
-            if each is not None and each.value is not None:
-                sd = float(self.spread.sd(np.full(len(self.names), math.nan if each.se is None else each.se))[place])
-                known = float(self.spread.freedom[place]), 1, unit, self.spread.beyond_of(place)
-                found[name] = Uncertain(each.value, sd, *known)
+        told, found = solution.by_noise(self.left_deg_per_hr), {}
+        errors = np.array([told[name].se if name in told else None for name in self.names], np.float64)
+        every = zip(self.names, self.units, self.spread.sd(errors).tolist(), self.spread.freedom.tolist(), strict=True)
+        for place, (name, unit, sd, freedom) in enumerate(every):
+            if name in told and (value := told[name].value) is not None:
+                found[name] = Uncertain(value, sd, freedom, 1, unit, self.spread.beyond_of(place))
         return found
 
     def noise(self, errors: FloatArray) -> FloatArray:
@@ -197,7 +203,7 @@ class SensorRepeats:
             more = f"as their {errors} say, as far as {freedom} can tell{unknown}{by_more}"
         said = [f"repeats scatter {more}"] if told or may_be or not self.noise_in_words else []
         said += [f"record {MAY_FOLLOW.format(listed(self.to_record))}"] if self.to_record else []
-        return [*said, *self.between.not_judged, *self.cautions]
+        return [*said, *self.visited_once, *self.between.not_judged, *self.cautions]
 
     @property
     def cautions(self) -> list[str]:
@@ -333,12 +339,13 @@ def _of_sensor(
     not_used: tuple[int, ...],
     run_scatter: Mapping[str, float],
 ) -> SensorRepeats:
-    at, stated = list(grouped(rows.conditions)), stated_noise(rows) is not None
-    channels = list(rows.conditions.sensor.channels)
+    conditions, stated = rows.conditions, stated_noise(rows) is not None
+    at, channels = list(grouped(conditions)), list(conditions.sensor.channels)
     telling = [e for e in own if e.settled] or own  # what moved inside a run that had not is no noise of others
     noise, known_by = noise_left([each.left_over for each in telling], len(channels))
     units, values, errors = told_by_runs(own, noise)
     group = np.array([next((k for k, (_, runs) in enumerate(at) if each.runs[0] in runs), -1) for each in own])
+    visited = [degC for degC, _ in visits(conditions) if degC is not None]
     told = {e.runs[0]: e.settled for e, known in zip(own, np.isfinite(values), strict=True) if known.any()}
     # Of a run that had not settled, and repeats none that had, nobody knows of which temperature it would be a mean.
     at = [(degC, tuple(run for run in of if run in told and (told[run] or degC is not None))) for degC, of in at]
@@ -371,10 +378,10 @@ def _of_sensor(
         means=[
             replace(mean, unit_degC=unit_range_degC(*of), own_degC=unit_mean_degC(*of))
             for mean in shown.means
-            for of in [(rows.conditions, mean.runs)]
+            for of in [(conditions, mean.runs)]
             if mean.runs
         ],
-        told_by=told_by(rows.conditions),
+        told_by=told_by(conditions),
         not_used=not_used,
         of_each={e.runs[0]: {n: u.sd for n, u in shown.of_run(e).items()} for e in own},
         alike={e.runs[0]: dict(zip(units, of, strict=True)) for e, of in zip(own, alike, strict=True)},
@@ -385,8 +392,9 @@ def _of_sensor(
         noise_times=noise_times,
         same_times={c: float(of) for c, of, is_so in zip(channels, residual_times, contradicted, strict=True) if is_so},
         by_noise=by_noise,
-        to_record=to_record_of((n for n, odd in zip(units, by_noise.certain, strict=True) if odd), rows.conditions),
+        to_record=to_record_of((n for n, odd in zip(units, by_noise.certain, strict=True) if odd), conditions),
         stated=stated,
+        visited_once=[_VISITED_ONCE] * (1 < len(visited) == len(set(visited))),
         of_visits=own[0].between.of_visits if grouped is runs_by_temperature else (),  # else visits stand apart
         noise_told=bool(freedom.sum() + differ.freedom.sum() > 0.5 or np.isfinite(noise).all()),
     )

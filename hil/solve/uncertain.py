@@ -204,6 +204,13 @@ class Spread:
         told = (apart > 0) & (within.degrees > 0) & (own > 0.0)
         return np.asarray(told & (fdtrc(np.maximum(apart, 1), of_each, times) * max(np.count_nonzero(told), 1) < RARE))
 
+    def far_better_than(self, other: Self) -> bool:
+        """Whether something repeats by less in these groups than in others, as chance hardly makes any of two so."""
+        told = (self.degrees > 0) & (other.degrees > 0) & (self.times > 0.0)
+        times = np.where(told, other.times / np.where(told, self.times, 1.0), 0.0) ** 2
+        chance = fdtrc(np.maximum(other.degrees, 1), np.maximum(self.degrees, 1), times)
+        return bool(np.any(told & (chance * 2 * len(told) < RARE)))
+
     @property
     def certain(self) -> BoolArray:
         """Which scatter more than standard errors, times `factor`, say, beyond chance at `RARE` for all together."""

@@ -151,4 +151,4 @@ def _said(observed: SensorRepeats) -> list[str]:
     if not observed.repeated:
         return observed.sentences()
     of_noise = [*observed.left_larger, *observed.uneven_in_words]
-    return [*observed.between.in_words, *of_noise, *observed.visits_in_words]
+    return [*observed.visited_once, *observed.between.in_words, *of_noise, *observed.visits_in_words]

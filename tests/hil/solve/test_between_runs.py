@@ -50,10 +50,9 @@ def test_a_step_of_mu_in_the_night_is_no_scatter_from_run_to_run(size: float, la
     made = with_mua(visits_again(), after(last, size))
     solutions = solve_campaign(made)
     (jump,) = solutions[0].between.jumps.values()
-    assert jump == Jump(pytest.approx(size, abs=2.0), "deg/hr/g", last, last + 1)
-    said = (
-        f"MUA jumps by {jump.size:+.3g} deg/hr/g between run {last} and run {last + 1}: hil reconcile asks what it is"
-    )
+    assert jump == Jump(pytest.approx(size, abs=2.0), jump.sd, "deg/hr/g", last, last + 1)
+    by = f"MUA jumps by {jump.size:+.3g} ± {jump.sd:.2g} deg/hr/g"
+    said = f"{by} between run {last} and run {last + 1}: hil reconcile asks what it is"
     assert [(each.verdict, said in each.reason) for each in solutions] == [(Verdict.MARGINAL, True)] * 12
     shown = repeats(made, solutions)[2]
     assert shown.between.in_words == [said]
@@ -111,7 +110,8 @@ def test_of_one_run_alone_that_is_another_both_are_said() -> None:
     for last, alone in ((11, True), (10, False)):
         values = noise + 50.0 * (runs > last)[:, None]
         found = between_runs({"MUA": "deg/hr/g"}, runs.tolist(), values, np.ones((12, 1)), conditions)
-        assert found.jumps == {"MUA": Jump(pytest.approx(50.0, abs=5.0), "deg/hr/g", last, last + 1, alone)}
+        sd = pytest.approx(1.0, abs=0.5)
+        assert found.jumps == {"MUA": Jump(pytest.approx(50.0, abs=5.0), sd, "deg/hr/g", last, last + 1, alone)}
         assert ("or in one run alone" in found.in_words[0]) is alone
 
 
@@ -143,3 +143,71 @@ def test_visits_that_differ_are_compared_as_visits() -> None:
         of_visit = np.random.default_rng(seed + 50).normal(0.0, 6.0, (8, 2))
         rates = one.sensors[2].rates_deg_per_hr + of_visit[(one.sensors[2].conditions.run - 1) // 4]
         assert solve_campaign(with_rates(one, rates))[0].between.jumps == {}
+
+
+@pytest.mark.parametrize("run", [5, 8])
+def test_one_run_that_is_another_than_all_that_repeat_it_is_accused_alone(run: int) -> None:
+    """Three runs at each temperature: PASS with a ± of 4 deg/hr/g for all before, where reconcile leaves it out."""
+    solutions = solve_campaign(with_mua(repeated(15, 3, (0, 1, 2, 2)), lambda runs: 15.0 * (runs == run)))
+    jump = solutions[0].between.jumps["MUA"]
+    assert (jump.before, jump.after, jump.alone, jump.size) == (run, run, True, pytest.approx(15.0, abs=2.5))
+    by = f"MUA is another by {jump.size:+.3g} ± {jump.sd:.2g} deg/hr/g"
+    assert {each.run: each.reason.split("; ")[0] for each in solutions if each.verdict is Verdict.MARGINAL} == {
+        run: f"{by} in run {run} alone: hil reconcile asks what it is"
+    }
+
+
+def test_a_run_at_an_end_of_its_visit_may_be_another_or_the_unit_from_there_on() -> None:
+    """What a jump goes by is what is after it less what was before it."""
+    solutions = solve_campaign(with_mua(repeated(15, 3, (0, 1, 2, 2)), lambda runs: 15.0 * (runs == 7)))
+    jump = solutions[0].between.jumps["MUA"]
+    assert (jump.before, jump.after, jump.alone, jump.size) == (7, 8, True, pytest.approx(-15.0, abs=2.5))
+    assert {each.run for each in solutions if each.verdict is Verdict.MARGINAL} == {7, 8, 9}
+
+
+def test_of_two_runs_at_a_temperature_that_differ_either_may_be_another() -> None:
+    """All others agree, so that it is no scatter; which of the two it is nobody can tell."""
+    conditions, runs = visited([*range(8), *range(8)]).sensors[2].conditions, np.arange(1, 17)
+    values = np.random.default_rng(1).normal(0.0, 1.0, (16, 1)) + 25.0 * (runs == 12)[:, None]
+    found = between_runs({"MUA": "deg/hr/g"}, runs.tolist(), values, np.ones((16, 1)), conditions)
+    jump = found.jumps["MUA"]
+    assert (jump.before, jump.after, jump.alone, jump.size) == (4, 12, True, pytest.approx(25.0, abs=3.0))
+    assert found.apart == {"MUA": (4, 12)}
+
+
+def test_where_each_temperature_was_gone_to_once_no_uncertainty_has_what_visits_differ_by() -> None:
+    """The bias jumps between two temperatures: all runs of one agree, and a ± must not read as if it knew more."""
+    said = "each temperature was gone to once: what changes from visit to visit, as a jump between two does,"
+    up, again = campaign(12, 3), visits_again()
+    for made, so in ((up, True), (again, False), (campaign(6, 6), False), (campaign(6, 1), False)):
+        rates = made.sensors[2].rates_deg_per_hr + 15.0 * (made.sensors[2].conditions.run > 6)[:, None]
+        jumps = with_rates(made, rates)
+        told = repeats(jumps, solve_campaign(jumps))[2].sentences()
+        assert any(each.startswith(said) for each in told) is so
+
+
+def test_how_far_a_run_is_off_is_as_uncertain_as_any_run_is() -> None:
+    """MU scatters by 3: its own scatter is in the ±, however well the others together are known."""
+    conditions, runs = campaign(12, 12).sensors[2].conditions, np.arange(1, 13)
+    off = []
+    for seed in range(200):
+        values = np.random.default_rng(seed).normal(0.0, 3.0, (12, 1)) + 40.0 * (runs == 5)[:, None]
+        found = between_runs({"MUA": "deg/hr/g"}, runs.tolist(), values, np.full((12, 1), 0.6), conditions)
+        off.append((found.jumps["MUA"].size - 40.0) / found.jumps["MUA"].sd)
+    assert np.std(off) == pytest.approx(1.1, abs=0.12)  # Student's t of ten degrees of freedom
+
+
+@pytest.mark.parametrize("follows", [False, True])
+def test_values_tell_whether_the_thermometer_or_the_setpoint_is_wrong(follows: bool) -> None:
+    """In the second of two passes the thermometer shows 20 °C more; the bias and GS follow it, or do not."""
+    one = visited([*range(5), *range(5)], 1, 0.5)
+    rows = one.sensors[2].conditions
+    own = rows.columns["temperature_degC"] + 20.0 * (rows.run > 5)
+    made = with_column(one, temperature_degC=own)
+    rates = made.sensors[2].rates_deg_per_hr + np.outer(20.0 * follows * (rows.run > 5), [0.5, 0.3])
+    solutions = solve_campaign(with_rates(made, rates))
+    told = repeats(made, solutions)[2].sentences()
+    wrong = "the thermometer is off in some runs", "in some runs the unit was elsewhere than it was set to"
+    assert [any(said.endswith(words) for said in told) for words in wrong] == [not follows, follows]
+    assert {each.verdict for each in solutions} == {Verdict.MARGINAL}
+    assert repeats(one, solve_campaign(one))[2].between.agrees == []
