@@ -41,17 +41,11 @@ def scatter_of_unit(campaign: Campaign) -> dict[int, UnitScatter]:
     for number, shown in repeats(campaign, solve_campaign(campaign)).items():
         ages = [name for name, columns in shown.between.follow.items() if {TIME, WAY} & {*columns}]
         if shown.repeated:
-<<<<<<< HEAD
-            lasting = dict.fromkeys([*ages, *shown.between.jumps, *shown.of_visits])
+            steps = [name for name, jump in shown.between.jumps.items() if jump.before != jump.after]
+            lasting = dict.fromkeys([*ages, *steps, *shown.of_visits])
             both = (shown.spread.beyond, _at_most(shown.spread))
             sizes, at_most = (dict(zip(shown.names, of.tolist(), strict=True)) for of in both)
             out[number] = UnitScatter(sizes, at_most, tuple(lasting), tuple(shown.between.in_words))
-=======
-            steps = [name for name, jump in shown.between.jumps.items() if jump.before != jump.after]
-            lasting = dict.fromkeys([*ages, *steps, *shown.of_visits])
-            sizes = dict(zip(shown.names, shown.spread.beyond.tolist(), strict=True))
-            out[number] = UnitScatter(sizes, tuple(lasting), tuple(shown.between.in_words))
->>>>>>> b24792a4 (A run that alone is another, and what no repeat shows, are said by solve as reconcile finds them)
     return out
 
 
