@@ -206,5 +206,7 @@ def _along(squares: FloatArray, products: FloatArray) -> tuple[FloatArray, Float
 
 def some_of(of: _Several, index: IntArray | BoolArray) -> _Several:
     """Return some of them: those at `index` (k,), or where it says so, (m,)."""
+    if index.dtype == bool and index.all():
+        return of  # nearly always
     some: dict[str, Any] = {name: own[index] for name, own in vars(of).items() if isinstance(own, np.ndarray)}
     return replace(of, **some)

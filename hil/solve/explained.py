@@ -125,16 +125,32 @@ class _Left:
     beside: OtherSensor | None
     silent: frozenset[int]
     own_bias: frozenset[int] = frozenset()
+    _without: dict[Cause, Self] = field(default_factory=dict, init=False)
+    _wrong: dict[tuple[frozenset[int], int | None], Explained | None] = field(default_factory=dict, init=False)
 
     def without(self, cause: Cause) -> Self:
-        """Return what is left when a further cause is known."""
+        """Return what is left when a further cause is known: one and the same, whoever asks."""
+        if cause not in self._without:
+            self._without[cause] = self._less(cause)
+        return self._without[cause]
+
+    def _less(self, cause: Cause) -> Self:
         left = replace(self, collects=mended(self.collects, cause))
         if cause.what == "run":
             return replace(left, silent=self.silent | {cause.run})
         return replace(left, own_bias=self.own_bias | {cause.run}) if cause.what == "bias" else left
 
     def wrong(self, unsure: Collection[int], run: int | None = None) -> Explained | None:
-        """Return what is wrong with runs of which it may be told, or with one `run`; None for nothing."""
+        """Return what is wrong with runs of which it may be told, or with one `run`; None for nothing.
+
+        It is asked again of what is unsure when more has to be certain, and beside what was a rival.
+        """
+        asked = frozenset(unsure), run
+        if asked not in self._wrong:
+            self._wrong[asked] = self._told(unsure, run)
+        return self._wrong[asked]
+
+    def _told(self, unsure: Collection[int], run: int | None) -> Explained | None:
         told = ~np.isin(self.collects.conditions.run, list((self.silent | {*unsure}) - {run}))
         if not told.any():
             return None

@@ -147,19 +147,19 @@ class _Rows:
         while True:
             best = self._only(v, at)._profile(best)
             beside = self.everywhere(v, best)
-            at = int(np.argmax(beside))
-            if beside[at] <= height:
+            before, at = at, int(np.argmax(beside))
+            if at == before or beside[at] <= height:
                 return best, beside
             height = beside[at]
 
     def _profile(self, best: Profile) -> Profile:
         """Climb to the likeliest way for each value at the only noise."""
-        before = None
-        while before != best:
-            before = best
-            for place in range(len(best)):
-                changed = [(*best[:place], way, *best[place + 1 :]) for way in FOLLOWS]
-                best = changed[int(np.argmax(self.heights(_ONE, changed)))]
+        place = stays = 0
+        while stays < len(best):  # since one last went another way, all others were asked
+            changed = [(*best[:place], way, *best[place + 1 :]) for way in FOLLOWS]
+            likeliest = changed[int(np.argmax(self.heights(_ONE, changed)))]
+            stays = stays + 1 if likeliest == best else 1
+            best, place = likeliest, (place + 1) % len(best)
         return best
 
 
