@@ -125,11 +125,13 @@ def likeness(
     told = json.dumps([document, known.model_dump(mode="json"), follows, seed, sorted(nights[0]), left_out])
     keep.mkdir(parents=True, exist_ok=True)
     alike = sha256(told.encode()).hexdigest()
+    there = [_made_before(keep, alike, number) for number in range(draws)]
+    new = [number for number, numbers in enumerate(there) if numbers is None]
     make = partial(_drawn, document, known, campaign, kept, form, follows, seed, keep, alike)
-    count = min(workers or os.cpu_count() or 1, draws)
-    with processes(count) as mapped:
-        for number, night in enumerate(mapped(make, range(draws))):
-            nights.append(night)
+    with processes(min(workers or os.cpu_count() or 1, max(len(new), 1))) as mapped:
+        made = iter(mapped(make, new))
+        for number, numbers in enumerate(there):
+            nights.append(next(made) if numbers is None else numbers)
             done(number + 1)
     head = {"schema": SCHEMA, "campaign": campaign.title, "simulated": campaign.simulated}
     asked = {"model": model.full_title, "draws": draws, "seed": seed}
@@ -184,6 +186,17 @@ def night_of_averages(campaign: Campaign, model: Model, rng: np.random.Generator
     return replace(campaign, sensors=sensors)
 
 
+def _made_before(keep: Path, alike: str, number: int) -> dict[str, float] | None:
+    """Return the numbers of a draw that the folder has, None where it has none that was made alike."""
+    path = _file(keep, number)
+    made = json.loads(read_text(path)) if path.is_file() else {}
+    return dict(made["numbers"]) if made.get("of") == alike else None
+
+
+def _file(keep: Path, number: int) -> Path:
+    return keep / f"draw-{number + 1:04d}.json"
+
+
 def _drawn(
     document: Mapping[str, Any],
     model: Model,
@@ -196,12 +209,7 @@ def _drawn(
     alike: str,
     number: int,
 ) -> dict[str, float]:
-    """Return the numbers of a draw, simulated unless the folder has them."""
-    path = keep / f"draw-{number + 1:04d}.json"
-    if path.is_file():
-        made = json.loads(read_text(path))
-        if made.get("of") == alike:
-            return dict(made["numbers"])
+    """Return the numbers of a draw, simulated; the folder keeps them."""
     rng = np.random.default_rng([seed, number])
     values = drawn_model(model, campaign, form, rng, calibrated=calibrated)
     with tempfile.TemporaryDirectory(prefix="hil-") as name:
@@ -217,5 +225,5 @@ def _drawn(
         sensors = {n: _as_measured(rows, kept[n]) for n, rows in night.sensors.items() if n in kept}
         found = features(replace(night, sensors=sensors), form, calibrated=calibrated, levels_degC=levels(campaign))
     made = {"simulated": True, "of": alike, "numbers": found}
-    write_durably(RealDisk(), path, json.dumps(made).encode())
+    write_durably(RealDisk(), _file(keep, number), json.dumps(made).encode())
     return found

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import fcntl
 import io
+import os
 import subprocess
 import sys
 from collections.abc import Callable
@@ -86,4 +88,17 @@ def night(hil: Run, short_sweep: Path, tmp_path_factory: pytest.TempPathFactory)
     folder = tmp_path_factory.mktemp("night") / "night"
     ended = hil("run", short_sweep, "--bench", "simulated", "--out", folder)
     assert ended.returncode == 0, ended.stderr
+    return folder
+
+
+@pytest.fixture(scope="session")
+def demo(hil: Run, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The published night as `hil demo` leaves it, made once for all workers. Tests must not change it."""
+    base = tmp_path_factory.getbasetemp()
+    folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "demo"
+    with folder.with_suffix(".lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not (folder / "report.html").exists():  # written last
+            ended = hil("demo", "--out", folder, "--quiet")
+            assert ended.returncode == 0, ended.stderr
     return folder

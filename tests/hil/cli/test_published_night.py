@@ -10,16 +10,14 @@ import pytest
 
 
 @pytest.mark.slow
-def test_the_published_night_lacks_what_the_report_found(hil: Any, tmp_path: Path) -> None:
+def test_the_published_night_lacks_what_the_report_found(hil: Any, demo: Path, tmp_path: Path) -> None:
     """MU beside collins-4, with values that follow temperature; that it differs from run to run; then no more.
 
     Values of the base may each go their own way with temperature: where all had to go one, a law of g squared stood in.
     """
-    night = tmp_path / "night"
-    assert hil("demo", "--out", night, "--quiet").returncode == 0
 
     def lacks(model: object, out: Path) -> dict[str, Any]:
-        assert hil("reconcile", night, "--model", model, "--out", out).returncode == 0
+        assert hil("reconcile", demo, "--model", model, "--out", out).returncode == 0
         return dict(json.loads((out / "reconciliation.json").read_text()))
 
     for model, names in (("collins-4", ["MU_real", "MU_rr"]), ("matrix-6", ["MU_rr"])):
