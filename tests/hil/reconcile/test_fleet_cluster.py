@@ -12,6 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from importlib import import_module
 from pathlib import Path
+from time import sleep
 from typing import Any
 
 import numpy as np
@@ -56,7 +57,7 @@ def test_on_a_dask_cluster_too_though_a_worker_is_killed(folder: Path, alone: di
             asked = thread.submit(screen_folders, [folder], "matrix-6-thermal", cluster=cluster.scheduler_address)
             pid = next(iter(client.run(os.getpid).values()))
             while not any(client.processing().values()) and not asked.done():
-                pass
+                sleep(0.005)  # it is the workers' turn
             os.kill(pid, signal.SIGKILL)
             assert fleet_document(asked.result(120.0)) == alone
 
