@@ -1,8 +1,9 @@
-"""A night that several modules read, and its report; the browser that shows pages."""
+"""A night that several modules read, and its report; searches that commands share; the browser that shows pages."""
 
 from __future__ import annotations
 
 import os
+import pickle
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,9 +11,13 @@ from typing import Any
 
 import pytest
 
+from hil.campaign import Campaign
 from hil.cli.app import run as hil
 from hil.config import load_bench
 from hil.night import start_night
+from hil.reconcile import scattering, workflow
+from hil.reconcile.outcome.answer import Answer
+from hil.solve import wrong_rows
 from tests.hil.report.report_pages import TWO
 
 
@@ -30,6 +35,31 @@ def page(night: Path, tmp_path_factory: pytest.TempPathFactory) -> str:
     out = tmp_path_factory.mktemp("report") / "report.html"
     assert hil(["report", str(night), "--out", str(out)]) == 0
     return out.read_text()
+
+
+@pytest.fixture
+def searched_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Search once where commands ask the same of the same rows, to the last bit: what is missing, which rows are wrong.
+
+    What else they ask is searched for by itself; what each makes of an answer is its own.
+    """
+    searched, answers = workflow.searched, dict[bytes, Answer]()
+    found, wrong = wrong_rows._wrong_rows, dict[bytes, Any]()
+
+    def once(campaign: Campaign, *asked: Any, prove: bool = True) -> Answer:
+        question = pickle.dumps((campaign, asked, prove))
+        if question not in answers:
+            answers[question] = searched(campaign, *asked, prove=prove)
+        return answers[question]
+
+    def wrong_once(*asked: Any) -> Any:
+        if (question := pickle.dumps(asked)) not in wrong:
+            wrong[question] = found(*asked)
+        return wrong[question]
+
+    for module in (workflow, scattering):
+        monkeypatch.setattr(module, "searched", once)
+    monkeypatch.setattr(wrong_rows, "_wrong_rows", wrong_once)
 
 
 @pytest.fixture(scope="module")

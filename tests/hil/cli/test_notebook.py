@@ -91,6 +91,7 @@ def test_importing_hil_loads_nothing_else() -> None:
     assert done.stdout == "[]\n[]\nhil.solve\n"
 
 
+@pytest.mark.usefixtures("searched_once")
 @pytest.mark.parametrize(
     "question",
     [pytest.param(each, marks=[pytest.mark.slow] * (each not in ("solve", "budget"))) for each in ASKED],

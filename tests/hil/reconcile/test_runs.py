@@ -110,7 +110,7 @@ def test_bad_runs_show_on_a_night_of_four_temperatures(model: str, runs_each: in
 @pytest.mark.slow
 def test_values_that_jump_from_temperature_to_temperature_are_no_bad_runs() -> None:
     """MU of the report at its coldest: far from all others, but the runs at that temperature agree."""
-    rows = layout(EIGHT, 2)
+    rows = layout(EIGHT[::2], 2)
     rates = measured(rows)
     rates[:, 1] += np.where(rows.setpoint < -20.0, 35.0, 0.0) * rows.f[:, 2]
     assert found(rows, rates) == []
