@@ -48,7 +48,7 @@ def test_of_rates_without_standard_errors_it_is_said_what_tells_their_noise(
         rates_se_deg_per_hr=np.full(rows.rates_deg_per_hr.shape, np.nan),
     )
     made = Campaign("t", "", {2: rows})
-    (said,) = repeats(made, solve_campaign(made))[2].sentences()
+    said, *_ = repeats(made, solve_campaign(made))[2].sentences()
     assert said.startswith("repeats scatter as their residuals say" if told else "repeats scatter and have neither")
     assert "standard errors say" not in said
 
