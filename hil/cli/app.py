@@ -14,7 +14,7 @@ from typer.core import TyperGroup
 from hil.cli import archive, chamber, coefficients, data, model, night, recordings, start, watchdog
 from hil.cli import requests as beside
 from hil.cli.exit_status import run_to_exit, with_status
-from hil.cli.output import always_writable
+from hil.cli.output import always_writable, flushed
 from hil.errors import InputError
 
 GROUPS = {
@@ -99,6 +99,7 @@ def main() -> None:
     always_writable()
     status = run(sys.argv[1:])
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # what has ended keeps its status; the interpreter takes a while to go
+    flushed()
     sys.exit(status)
 
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import sys
 from collections.abc import Collection, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import IO, TYPE_CHECKING, Annotated, Any
 
 from rich.console import Console
 from rich.measure import Measurement
@@ -50,6 +51,24 @@ def always_writable() -> None:
             stream.reconfigure(errors="replace")
 
 
+def flushed() -> None:
+    """Write out what is still to be printed; what a terminal that is gone cannot show changes no exit status."""
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except OSError as error:
+            if error.errno not in (errno.EIO, errno.EPIPE):
+                raise
+            _to_nowhere(stream)
+
+
+def _to_nowhere(stream: IO[str]) -> None:
+    """Let the interpreter's last flush of a stream go nowhere."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, stream.fileno())
+    os.close(nowhere)
+
+
 class Lasting(Console):
     """A console that outlives its reader: a night is not over because nobody looks any more."""
 
@@ -71,9 +90,7 @@ class Lasting(Console):
     def on_broken_pipe(self) -> None:
         """Say nothing more where whoever read (head, a pager) has gone; the interpreter's last flush goes nowhere."""
         self.quiet = True
-        nowhere = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(nowhere, self.file.fileno())
-        os.close(nowhere)
+        _to_nowhere(self.file)
 
 
 def results() -> Console:

@@ -59,8 +59,14 @@ class Terminal:
             for number in ignoring:
                 signal.signal(number, signal.SIG_IGN)
 
+        buffered = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
         self.process = subprocess.Popen(
-            [str(word) for word in command], stdin=slave, stdout=slave, stderr=slave, preexec_fn=take_terminal
+            [str(word) for word in command],
+            stdin=slave,
+            stdout=slave,
+            stderr=slave,
+            env=buffered,  # as technicians have it: something is left to be printed when the terminal has gone
+            preexec_fn=take_terminal,
         )
         os.close(slave)
         self.wait_until(lambda: night_status(self.night)["step"] == "T1/S1/restabilise")
