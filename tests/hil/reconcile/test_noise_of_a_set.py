@@ -44,10 +44,7 @@ def test_a_jump_is_told_from_a_walk_beside_all_else_that_is_missing() -> None:
 
 @pytest.mark.slow
 def test_a_jump_in_a_life_is_found_whatever_the_noise() -> None:
-    """Of two lives, and that above, the jump has its name in each, and of two without one none has it.
-
-    All of three, where one of three might have been missed: that is no weaker.
-    """
+    """Of two lives the jump has its name in each, and of two without one none has it."""
     names = [{each.id for each in reconcile(life(seed), "matrix-6", prove=False).effects} for seed in range(2)]
     assert all("jump" in each for each in names)
     without = [{each.id for each in reconcile(life(seed, 0.0), "matrix-6", prove=False).effects} for seed in (1, 2)]
