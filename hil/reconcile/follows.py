@@ -14,7 +14,7 @@ from math import exp, prod
 from typing import Any
 
 from hil.campaign import Conditions
-from hil.model.effects.catalogue import Unasked, effect_by_id, of_its_history
+from hil.model.effects.catalogue import Unasked, effect_by_id, of_its_history, variance_effect_by_id
 from hil.reconcile.rivals import CERTAIN, LEAST
 from hil.reconcile.search.posterior import Posterior
 from hil.reconcile.search.terms import Term
@@ -22,6 +22,8 @@ from hil.solve.temperatures import runs_by_temperature
 
 AGAIN = "a second run at a temperature that has one"
 """What tells what changes from run to run from what follows temperature."""
+ELSEWHERE = "the same collects at further temperatures, for longer, and in another order"
+"""What tells effects on the scatter that these rows cannot tell: one of it does."""
 _MOST = 3  # drivers of which one is followed: of more nothing is said
 
 
@@ -90,6 +92,12 @@ def unasked(posterior: Posterior) -> dict[str, Sequence[Unasked]]:
         if name and (effect := term.candidate.effect) is not None:
             own = effect if name == effect.id else effect_by_id(name)
             out[name] = [*of_its_history(own, here, term.candidate.shape)]
+    alike: dict[str, dict[str, float]] = {}
+    for block in (block for search in posterior.searches.values() for block in search.blocks):
+        for name, weights in block.noise.alike.items():
+            alike.setdefault(name, {}).update(weights)
+    for name, weights in alike.items():
+        out[name] = [Unasked(variance_effect_by_id(n), weight, ELSEWHERE) for n, weight in weights.items()]
     if not repeated(conditions.values()):
         kin = {name: effect.kin for name, effect in posterior.scatter.items() if effect.follows == "run"}
         out |= {name: [Unasked(effect_by_id(n), w, AGAIN) for n, w in own.items()] for name, own in kin.items()}

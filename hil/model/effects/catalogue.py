@@ -154,7 +154,7 @@ def why_not(effect: Effect, conditions: Conditions, base: Base | None) -> str:
 class Unasked:
     """An effect that cannot be tried, how probable it is beside the name whose rows it shares, and what tells it."""
 
-    effect: Effect
+    effect: Effect | VarianceEffect
     weight: float
     remedy: str
 

@@ -64,6 +64,7 @@ class Noise:
         self._follow(calibrated=False)
         runs = len(np.unique(run))
         self.has_offsets = runs > 1 and len(rows) / runs / apart.shape[1] > 1.5
+        self.alike: dict[str, dict[str, float]] = {}  # by name what is the same here, so many times as probable
         self.kinds = list(self._kinds(conditions, effects, rows, channel)) if self.has_offsets else []
         self.sorts = list(dict.fromkeys(frozenset({name} - {""}) for name in ("", *(k.name for k in self.kinds))))
         self._chains: dict[bytes, Chain] = {}
@@ -97,25 +98,29 @@ class Noise:
         rows: IntArray,
         channel: IntArray,
     ) -> Iterator[Kind]:
-        """Yield what these rows can tell from ordinary noise and from each other."""
-        known = [np.eye(len(self.offset.covariance)), np.diag(self.white[:COMPARED]), self.offset.covariance]
-        known = [_unit(own) for own in known]
+        """Yield what these rows can tell from ordinary noise and each other; what is `alike` is kept apart."""
+        ordinary = [np.eye(len(self.offset.covariance)), np.diag(self.white[:COMPARED]), self.offset.covariance]
+        known = [("", 1.0, _unit(own)) for own in ordinary]
         for effect in effects:
             if not effect.applies_to(conditions.sensor) or effect.missing(conditions):
                 continue
-            for shape in effect.shape_grid(conditions):
+            grid = effect.shape_grid(conditions)
+            for shape in grid:
                 parts = [chain_of(part, conditions, rows, channel) for part in effect.scatter(conditions, shape)]
                 chain = joined(parts, len(rows))
                 size = float(np.mean(chain.variance))
                 if size <= 0.0:
                     continue
                 chain = chain.scaled(1.0 / np.sqrt(size))
-                own = _unit(chain.covariance)
-                if any(np.vdot(own, other) > ALIKE for other in known):
+                own, odds = _unit(chain.covariance), effect.odds / len(grid)
+                same = next((each for each in known if np.vdot(own, each[2]) > ALIKE), None)
+                if same is not None:
+                    if same[0] not in ("", effect.id):
+                        self.alike.setdefault(same[0], {})[effect.id] = odds / same[1]
                     continue
-                known.append(own)
                 (parameter,) = effect.parameters_for(conditions)[:1]
                 name = effect.id if self.block.sigma_stated or np.triu(own, 1).any() else ""
+                known.append((name if len(grid) == 1 else "", odds, own))
                 yield Kind(name, effect, shape, chain, float(np.sqrt(size)), parameter)
 
     @cached_property

@@ -62,3 +62,12 @@ def test_it_is_white_and_at_one_step_of_temperature() -> None:
     assert len(effect.shape_grid(at([-20.0, 5.0], "temperature_degC"))) == 2
     assert not effect.shape_grid(at(list(np.arange(0.0, 40.0, 2.0)), "temperature_degC"))
     assert not effect.shape_grid(at(list(np.arange(0.0, 90.0, 5.0))))
+
+
+def test_what_these_temperatures_cannot_tell_apart_has_both_names() -> None:
+    """Of one temperature below 5 °C nobody knows whether the cold is noisy, or that setpoint."""
+    result = reconcile(noisy(3, (-20.0, 10.0, 40.0), 0, mu_rr=0.0), "matrix-6", prove=False)
+    (effect,) = result.effects
+    ((other, probability),) = ((rival.id, rival.probability) for rival in effect.confusable_with)
+    assert (effect.id, other, effect.kind) == ("hash", "noise_T", "ambiguous")
+    assert probability == pytest.approx(effect.probability / 3.0)  # any of three setpoints may be it
