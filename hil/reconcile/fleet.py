@@ -27,19 +27,17 @@ from hil.model.effects.prior import log_sum
 from hil.reconcile.proof.places import false_discovery
 from hil.reconcile.rivals import CERTAIN
 from hil.reconcile.search.layout import may_be_calibrated, searches
+from hil.reconcile.search.lookalikes import names_alike
 from hil.reconcile.search.problem import pose
 from hil.reconcile.search.sets import LEADING, SensorSearch
 from hil.solve.temperatures import ELSEWHERE_DEGC, same_temperature
 
-NOISY_UNITS = 40
-"""So many units, evenly over the fleet, say what noise is: one alone knows its own too badly to judge others by."""
+NOISY_UNITS = 40  # evenly over the fleet, say what noise is: one alone knows its own too badly to judge others by
 ASKED_UNITS = 8  # so many of these say whether the base's values follow temperature
-FRACTIONS = (0.01, 0.03, 0.1, 0.3, 1.0)  # of the fleet, the shares that may have a shared effect
-FEW = 4
-"""Points of the noise at which every unit of a fleet of `NOISY_UNITS` and more is weighed; of fewer units at all."""
+FRACTIONS = (0.01, 0.03, 0.1, 0.3, 0.6, 1.0)  # of the fleet, the shares that may have a shared effect
+FEW = 4  # points of the noise at which every unit of `NOISY_UNITS` and more is weighed first; of fewer, at all
 ASKED_AGAIN = 0.5  # log odds from which a unit is weighed again at all of them: a discovery takes three and more
-CALLED = 2.5
-"""Log odds from which the unit's own noise is asked: those of every discovery, for q < .05 takes odds of 19."""
+CALLED = 2.5  # log odds from which the unit's own noise is asked, of every discovery: q < .05 takes odds of 19
 TOGETHER = 16  # units that are weighed at once: their numbers then stay in the processor's cache
 SAME_G = 0.05  # units whose accelerations differ by more stood in other positions
 
@@ -63,7 +61,7 @@ class UnitFinding:
 
 @dataclass(frozen=True)
 class SharedFinding:
-    """What a `fraction` of a fleet lacks: the leading name, its share and `rivals`, the p-value of any in several.
+    """What a `fraction` of a fleet lacks, or as `few`: the leading name, its share, rivals, p-value of any in several.
 
     `follows`: beside values of the base that follow temperature, so that none of these can be missing for that.
     """
@@ -72,17 +70,19 @@ class SharedFinding:
     share: float
     p_value: float
     fraction: float
+    few: float
     follows: bool
     rivals: Sequence[tuple[str, float]] = ()
 
 
 @dataclass(frozen=True)
 class Asked:
-    """The n names that a screen asks about, their log odds (n,), and whether beside values that follow temperature."""
+    """The n names that are asked about, log odds (n,), whether values follow temperature, and which look alike."""
 
     names: Sequence[str]
     log_odds: FloatArray
     follows: bool
+    alike: Mapping[str, Sequence[str]]
 
     def statistic(self, by_name: FloatArray) -> FloatArray:
         """Return the log odds that anything is missing, (u,), by what `weigh` says of u units, (n, u)."""
@@ -98,7 +98,8 @@ class Asked:
     def _likely(self, share: FloatArray) -> tuple[str, float, list[tuple[str, float]]]:
         """Return the leader of the names by their shares (n,), its share, and what as well may be it."""
         leader, *others = sorted(zip(self.names, share.tolist(), strict=True), key=lambda each: -each[1])
-        return *leader, [each for each in others if each[1] > 1.0 - CERTAIN]
+        same = self.alike.get(leader[0], ())
+        return *leader, [each for each in others if each[1] > 1.0 - CERTAIN or each[0] in same]
 
     def mixed(self, by_name: FloatArray) -> FloatArray:
         """Return log evidence that some fraction lacks a name, and that some unit does alone, (k + 1, n).
@@ -117,8 +118,9 @@ class Asked:
         share = np.exp(posterior - statistic)
         p_value, of_names = float(_ville(np.array([statistic - max(alone, 0.0)]))[0]), share.sum(axis=0)
         name, whole, rivals = self._likely(of_names)
-        fraction = FRACTIONS[int(np.argmax(share[:, self.names.index(name)]))]
-        return SharedFinding(name, whole, p_value, fraction, self.follows, rivals)
+        of = share[:, self.names.index(name)] / whole
+        fraction, likely = FRACTIONS[int(np.argmax(of))], np.flatnonzero((of > 1.0 - CERTAIN) | (of == of.max()))
+        return SharedFinding(name, whole, p_value, fraction, FRACTIONS[likely[0]], self.follows, rivals)
 
 
 @dataclass(frozen=True)
@@ -206,7 +208,7 @@ class Screen:
             for name, every in of_name.items():
                 odds[name] = max(odds.get(name, -np.inf), float(np.logaddexp.reduce(every)))
         follows = any(block.noise.calibrated for search in self.found.values() for block in search.blocks)
-        return Asked(list(odds), np.array(list(odds.values())), follows)
+        return Asked(list(odds), np.array(list(odds.values())), follows, names_alike(self.found.values()))
 
     def weigh(self, units: Sequence[Sequence[FloatArray]]) -> FloatArray:
         """Log Bayes factor of each of n names in each of u units, (n, u), whose `rates` these are, (N,) each."""

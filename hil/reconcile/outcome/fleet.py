@@ -79,9 +79,10 @@ def fleet_sentences(found: Screened) -> Iterator[str]:
     for number, each in shared:
         own = [unit for unit in found.units if unit.layout == number]
         names = [f"{name} ({percent(share)})" for name, share in ((each.name, each.share), *each.rivals)]
+        few = f"{each.few:.0%} to " * (each.few < each.fraction)
         yield (
             f"layout {number}: its {_counted(own)} together seem to lack {' or '.join(names)}, p = {each.p_value:.1g}, "
-            f"most probably {each.fraction:.0%} of them"
+            f"most probably {few}{each.fraction:.0%} of them"
         )
     if bad := [f"{each.folder} ({numbered('run', runs)})" for each in found.units if (runs := each.runs_in_use)]:
         yield f"FAIL by what was recorded, and screened all the same: {listed(bad)}; hil solve says why"

@@ -4,7 +4,8 @@ What is known before ranks the two, and the data say nothing of it. A search tha
 the other over, and would call the first certain.
 """
 
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -20,12 +21,37 @@ _NONE = 1e-6  # of columns of unit size: a direction of which the base leaves so
 def lookalikes(search: SensorSearch, chosen: Set) -> dict[int, list[int]]:
     """Return for each effect of a set those that do in every block just what it does beside the base."""
     names = {j: term.name for j, term in enumerate(search.terms) if term.tier == 1}
-    alike = {j: [k for k, name in names.items() if name != names[j]] for j in chosen if j in names}
-    for b, block in enumerate(search.blocks if alike else ()):
-        weighed = search.in_block(chosen, b)
-        at = np.array([np.argmax(weighed.terms_log + block.points.log_prior)])
+    own = [j for j in chosen if j in names]
+    likeliest = [
+        int(np.argmax(search.in_block(chosen, b).terms_log + block.points.log_prior))
+        for b, block in enumerate(search.blocks if own else ())
+    ]
+    return _in_every_block(search, own, names, likeliest)
+
+
+def names_alike(searches: Iterable[SensorSearch]) -> dict[str, list[str]]:
+    """Return by name of one shape, values that stand, those that do just the same in every block of all sensors."""
+    alike: dict[str, list[str]] = {}
+    for search in searches:
+        plain = {j: t.name for j, t in enumerate(search.terms) if t.tier == 1 and t.candidate.form == "constant"}
+        many = Counter(plain.values())
+        names = {j: name for j, name in plain.items() if many[name] == 1}
+        found = _in_every_block(search, [*names], names, [0] * len(search.blocks))
+        for j, others in found.items():
+            of = [names[k] for k in others]
+            alike[names[j]] = [name for name in alike.get(names[j], of) if name in of]
+    return {name: others for name, others in alike.items() if others}
+
+
+def _in_every_block(
+    search: SensorSearch, own: Sequence[int], names: Mapping[int, str], at: Sequence[int]
+) -> dict[int, list[int]]:
+    """Return for each of its `own` terms those of other names that are alike in every block, at a point of each."""
+    alike = {j: [k for k, name in names.items() if name != names[j]] for j in own}
+    for b, (block, point) in enumerate(zip(search.blocks if own else (), at, strict=True)):
         laid = [(j, part.columns) for j in names if (part := search.terms[j].parts[b]) is not None]
-        white = block.projected(np.hstack([columns for _, columns in laid]), at)[0] if laid else np.zeros((0, 0))
+        columns = np.hstack([np.zeros((len(block.y), 0)), *(columns for _, columns in laid)])
+        white = block.projected(columns, np.array([point]))[0]
         ends = np.cumsum([0, *(columns.shape[1] for _, columns in laid)])
         left = {j: white[:, first:end] for (j, _), (first, end) in zip(laid, pairwise(ends), strict=True)}
         alike = {j: _alike(left, j, others) for j, others in alike.items()}
