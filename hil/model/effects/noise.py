@@ -16,6 +16,7 @@ from hil.model.forms import mu_columns
 _FEW_RUNS = 4  # beside so many others, a run that stands alone is not told from the others' scatter
 _FEWEST_CYCLES = 3
 _EITHER_SIDE = 2  # runs
+_MANY_RUNS = 8  # of which MU of one may be another, and not that of all
 _FELT_G = 0.1  # along the spin axis: what is less says next to nothing of MU
 _WITH_TEMPERATURE = MappingProxyType({"bias_T": 1.0})
 _WHITE_TYPICAL = {"RLG": (0.001, 0.1), "FOG": (0.002, 0.1), "DTG": (0.01, 0.1), "MEMS": (0.05, 0.5)}
@@ -147,7 +148,7 @@ class AxialDriftJump(_Steps):
 
     id = "MU_jump"
     title = "MU jump"
-    equation = "MU += J from run r on"
+    equation = "MU += J from run r on, or in run r alone"
     rotor_only = True
     parameters = (
         Parameter("JMUA", "deg/hr/g", (5.0, 15.0), {"DTG": (0.1, 1.0)}),
@@ -160,9 +161,9 @@ class AxialDriftJump(_Steps):
     experiment = "Collect 3 beside another position, many times at one temperature."
 
     def shape_grid(self, conditions: Conditions) -> Sequence[Mapping[str, float]]:
-        """Return every place of a step that stays, between runs of which two at least on either side feel MU.
+        """Return every step between runs, of which two at least on either side feel MU; and each that is alone of many.
 
-        Of one that is another nobody can tell a step from MU that differs from run to run.
+        Of few of which one is another nobody can tell a step from MU that differs from run to run.
         """
         felt = np.unique(conditions.run[np.any(np.abs(mu_columns(conditions)) > _FELT_G, axis=(1, 2))])
 
@@ -171,7 +172,9 @@ class AxialDriftJump(_Steps):
             return int(min(np.searchsorted(felt, shape["from_run"]), len(felt) - after))
 
         told = [
-            each for each in super().shape_grid(conditions) if not each["runs_held"] and fewer(each) >= _EITHER_SIDE
+            each
+            for each in super().shape_grid(conditions)
+            if (len(felt) > _MANY_RUNS if each["runs_held"] else fewer(each) >= _EITHER_SIDE)
         ]
         return sorted(told, key=lambda shape: shape["from_collect"] > 0.0)  # of what is the same, whole runs come first
 

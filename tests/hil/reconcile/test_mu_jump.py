@@ -55,6 +55,21 @@ def test_mu_that_is_another_in_every_run_does_not_jump(seed: int) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])
+def test_mu_of_one_run_alone_has_its_name_and_size(seed: int) -> None:
+    """It was a run that agrees with no other, and was left out, where a bias alone in its run had its name."""
+    rng = np.random.default_rng(seed)
+    rows = lay_out(rng, (0.0, 20.0, 40.0), 3)
+    rates = base_rates(rows, thermal=False) + rng.normal(0.0, 0.9, (len(rows), 2))
+    rates[:, 1] -= 15.0 * rows.f[:, 2] * (rows.run == 5)
+    result = reconcile(campaign_of(rows, rates), "matrix-6", prove=False)
+    (effect,) = result.effects
+    assert (effect.id, effect.shape["from_run"], effect.shape["runs_held"]) == ("MU_jump", 5.0, 1.0)
+    (size,) = (of for of in effect.parameters if of["name"] == "JMUA")
+    assert abs(size["value"] - 15.0) < 4.0 * size["se"] < 8.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2])
 def test_a_triads_g_that_is_another_in_each_run_is_no_pier_that_turns(seed: int) -> None:
     """Base motion was said of it at 100 %: no entry had it."""
     rng = np.random.default_rng(seed)
