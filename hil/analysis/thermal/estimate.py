@@ -106,6 +106,7 @@ class Visits:
 
     `sd` (v, p) is each visit's own, `common` (v, p) the error that is the same in every run, in one direction, and
     `of_each` (v, p) both together, as `hil solve` states it.
+    They scatter as those that repeat a temperature from one side do, or from either where none does.
     `temperature_degC`, `station` and `direction` are (v,), all directions 0 where nothing was reached from both sides;
     `known` says that anything tells how large a deviation is.
     """
@@ -124,9 +125,9 @@ class Visits:
         self.direction = layout.stations.direction[first] * layout.hysteresis
         self.temperature_degC = np.array([layout.temperature_degC[here].mean() for here in rows])
         place = np.unique(np.stack([self.station, self.direction.astype(np.int64)]), axis=1, return_inverse=True)[1]
-        self.spread = layout.spread or Spread.of(
-            self.values, stated, place.reshape(-1), layout.factor, layout.residuals, layout.common
-        )
+        told = layout.factor, layout.residuals, layout.common
+        from_one_side, whatever = (Spread.of(self.values, stated, at, *told) for at in (place.ravel(), self.station))
+        self.spread = layout.spread or (from_one_side if np.any(from_one_side.degrees) else whatever)
         sd, self.common = self.spread.parts(stated)
         told = sd[np.isfinite(self.values)]
         self.known = bool(np.isfinite(told).all() and np.all(told > 0.0))

@@ -140,8 +140,7 @@ class SensorFit:
         )
         choices = [c if p < FALSE_ALARM else c.flat() for c, p in zip(compared, chances, strict=True)]
         if not told:
-            once = "no temperature was measured twice" + " from one side" * layout.hysteresis
-            without = once if seen.known else "neither repeats nor standard errors"
+            without = "no temperature was measured twice" if seen.known else "neither repeats nor standard errors"
             notes.append(f"sensor {number}: {without}: what the curves leave is taken for noise")
             left = [_misfit(layout, v, c.form.order or 0)[0] for v, c in zip(free, choices, strict=True)]
             seen.sd = seen.sd * np.sqrt(np.maximum(left, least))
