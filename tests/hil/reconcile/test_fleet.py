@@ -312,7 +312,7 @@ def test_what_reading_folders_warned_of_is_said_once_of_all(tmp_path: Path) -> N
 @pytest.mark.parametrize("follows", [True, False])
 def test_a_screen_says_beside_which_values_it_asked(follows: bool) -> None:
     """Beside values that follow temperature it finds no law of temperature, and says that a reconcile may."""
-    shared = SharedFinding("supply", 0.5, 0.9, 0.01, follows)
+    shared = SharedFinding("supply", 0.5, 0.9, 0.01, 0.01, follows)
     found = Screened("matrix-6", [], [(1, shared)], {}, ())
     said = [line for line in fleet_sentences(found) if "beside values of matrix-6 that follow temperature" in line]
     assert len(said) == follows
@@ -324,7 +324,7 @@ def test_a_screen_says_beside_which_values_it_asked(follows: bool) -> None:
 
 def test_what_a_fleet_cannot_tell_from_its_shared_name_is_said_beside_it() -> None:
     """Of two temperatures a hysteresis and a bias that follows temperature are one column in every unit."""
-    asked = Asked(["hyst", "bias_T", "supply"], np.log([0.1, 0.09, 0.1]), follows=False)
+    asked = Asked(["hyst", "bias_T", "supply"], np.log([0.1, 0.09, 0.1]), follows=False, alike={})
     by_name = np.array([[9.0, 8.0, 9.0], [9.0, 8.0, 9.0], [0.0, 0.0, 0.0]])
     shared = asked.in_common(asked.mixed(by_name)[None], 3)
     assert (shared.name, [name for name, _ in shared.rivals]) == ("hyst", ["bias_T"])
@@ -338,7 +338,7 @@ def test_what_a_fleet_cannot_tell_from_its_shared_name_is_said_beside_it() -> No
 
 def test_names_whose_order_is_chance_stand_beside_each_other() -> None:
     """One draw more or less of noise had made hyst or bias_T the name of a unit, and so the order of a fleet."""
-    asked = Asked(["hyst", "bias_T", "supply"], np.log([0.1, 0.1, 0.1]), follows=False)
+    asked = Asked(["hyst", "bias_T", "supply"], np.log([0.1, 0.1, 0.1]), follows=False, alike={})
     by_name = np.array([[9.1, 9.0, 9.0, 2.0], [9.0, 9.1, 9.0, 1.0], [0.0, 0.0, 1.0, 12.0]])
     found = asked.findings(by_name)
     assert [each.names for each in found] == [("bias_T", "hyst")] * 3 + [("supply",)]
@@ -368,7 +368,7 @@ def test_calibrations_of_one_unit_are_counted_as_what_they_are(serials: str, sai
         ScreenedUnit(f"u{place}", "", serial, "", False, (), {}, layout=1, finding=finding)
         for place, serial in enumerate(serials)
     ]
-    shared = SharedFinding("supply", 0.9, 0.001, 1.0, False)
+    shared = SharedFinding("supply", 0.9, 0.001, 1.0, 1.0, False)
     lines = list(fleet_sentences(Screened("matrix-6", units, [(1, shared)], {}, ())))
     few = " by itself; a few of layout 1 do, for what they share" * (len(serials) > 1)
     assert lines[0] == f"none of {said} deserves a full hil reconcile{few}"
