@@ -158,7 +158,7 @@ def solve_campaign(campaign: Campaign, model_name: str | None = None, sensor: in
         runs, layout = set(used[number].conditions.run.tolist()), used[number].conditions.sensor
         noise, _ = noise_left([each.left_over for each in own if not runs.isdisjoint(each.runs)], len(layout.channels))
         times = float(beside.differ.times.max())
-        between = _between([e for e in own if not runs.isdisjoint(e.runs)], noise, max(times, 1.0), used[number])
+        between = _between([e for e in own if not runs.isdisjoint(e.runs)], noise, beside.differ, used[number])
         contradicted = between.judged
         for each in own:  # by how well its collects tell it, too, of this noise where they state none, or far too much
             told = each.by_noise(noise)
@@ -180,11 +180,12 @@ def told_by_runs(own: Sequence[RunSolution], noise: FloatArray) -> tuple[dict[st
     return units, values, errors
 
 
-def _between(own: Sequence[RunSolution], noise: FloatArray, larger: float, used: Collects) -> BetweenRuns:
-    """Return what explains what single runs differ by, beside errors that are so many times `larger` than stated."""
+def _between(own: Sequence[RunSolution], noise: FloatArray, differ: Changes, used: Collects) -> BetweenRuns:
+    """Return what explains what single runs differ by, beside errors as large as averages `differ` by at each."""
     if not own or any(each.run is None for each in own):
         return BetweenRuns()
     units, values, errors = told_by_runs(own, noise)
+    larger = np.array([[differ.larger_in(each.runs).max()] for each in own])
     return between_runs(units, [each.runs[0] for each in own], values, larger * errors, used.conditions)
 
 

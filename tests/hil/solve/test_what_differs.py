@@ -127,6 +127,12 @@ def test_no_sound_collect_is_left_out_where_all_are_noisier_at_a_temperature(tim
     assert (9,) in [wrong.collects for wrong in wrong_rows(with_rates(noisy, rates))[2].rows]
 
 
+def test_values_of_a_noisy_temperature_do_not_jump_nor_is_one_run_another() -> None:
+    """Of thirty nights fourteen had a parameter that jumps, or a run in which one is another, by eight of its ±."""
+    nights = [noisy_in_the_cold(4.8, seed, (0, 1, 2, 0)) for seed in range(10)]
+    assert [each.between.jumps for night in nights for each in solve_campaign(night)[:1]] == [{}] * 10
+
+
 def test_of_four_collects_a_run_noise_of_a_temperature_is_weighed_against_rows_that_are_wrong() -> None:
     """By itself none of three such runs tells its noise: of eight nights seven lost sound collects, and four a run."""
     nights = [noisy_in_the_cold(3.8, seed, (0, 1, 2, 0)) for seed in range(8)]
