@@ -116,9 +116,11 @@ class Comparison:
     @property
     def flagged(self) -> Sequence[Difference]:
         """The differences beyond chance, of all that were compared."""
-        return [
-            each for each in self.differences if abs(each.difference.value) > each.difference.expanded(self._sigmas)
-        ]
+        return [each for each in self.differences if self.counts(each)]
+
+    def counts(self, each: Difference) -> bool:
+        """Whether a difference is beyond what chance makes of all that were compared."""
+        return abs(each.difference.value) > each.difference.expanded(self._sigmas)
 
     def _causes(self, earlier: Campaign, before: Mapping[int, SensorRepeats]) -> Iterator[str]:
         """Yield what makes all that is beyond chance in one sensor, where one cause or two do."""

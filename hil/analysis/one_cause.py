@@ -4,7 +4,7 @@
 
 A cause moves many values together, each as far as it acts there: as solved from the earlier campaign's own rates with a
 hundredth more in one channel, or as its means follow temperature. Its size is fitted to all differences by their ±, and
-it is told where it leaves nothing beyond chance.
+it is told where it leaves nothing beyond chance, and beside one such value alone where it explains more than that.
 """
 
 from collections.abc import Iterator, Sequence
@@ -83,12 +83,15 @@ def looks_like(number: int, differ: Differ, earlier: Campaign, shown: SensorRepe
 
     `shown` is what repeats show of it in the `earlier` campaign. Of causes that cannot be told apart all are said.
     """
-    every = [*_causes(number, differ, earlier, shown)]
-    for count in range(1, min(_MOST, int(differ.beyond.sum()) - 1) + 1):
+    every, beyond = [*_causes(number, differ, earlier, shown)], differ.beyond
+    # One value that is another by itself explains itself, and nothing of all others.
+    alone = differ.square - float(np.sum((differ.values / differ.sd)[beyond] ** 2))
+    most = alone - _AS_LIKELY if beyond.sum() == 1 else np.inf
+    for count in range(1, min(_MOST, max(int(beyond.sum()) - 1, 1)) + 1):
         found = []
         for some in combinations(every, count):
             left, sizes, sds = differ.less(np.stack([each.template for each in some], axis=1))
-            if not np.any(left.beyond) and np.all(np.abs(sizes) > _SURE * sds):
+            if not np.any(left.beyond) and left.square < most and np.all(np.abs(sizes) > _SURE * sds):
                 found.append((left.square, listed(map(_Cause.in_words, some, sizes.tolist(), sds.tolist()))))
         if found:
             least = min(square for square, _ in found)

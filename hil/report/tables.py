@@ -25,7 +25,7 @@ _SIMULATED = b"simulated"
 
 def tables_of(content: ReportContent) -> Mapping[str, pa.Table]:
     """Return the tables by name; one that would be empty is left out."""
-    night, compared = content.night, content.comparison
+    night = content.night
     rows: dict[str, list[dict[str, Any]]] = {
         "parameters": list(_parameters(content)),
         "collects": [
@@ -45,8 +45,10 @@ def tables_of(content: ReportContent) -> Mapping[str, pa.Table]:
                 "runs_earlier": earlier.runs,
                 "difference": each.difference.value,
                 "beyond_3_sigma": each.flagged,
+                "beyond_chance": compared.counts(each),
             }
-            for each in (compared.differences if compared else ())
+            for compared in filter(None, [content.comparison])
+            for each in compared.differences
             for now, earlier in [each.means]
         ],
     }

@@ -13,6 +13,7 @@ from hil.analysis.against import Comparison
 from hil.campaign import Campaign, FloatArray
 from hil.report.content import gather
 from hil.report.page import render
+from hil.report.tables import tables_of
 from tests.hil.analysis.thermal.nights import rotor_night
 
 CURVES = {"BA": lambda t: 80.0 - 0.3 * t, "BB": lambda t: 5.0 + 0.4 * t, "GSA": lambda t: 60.0 + 0.1 * t}
@@ -82,7 +83,7 @@ def test_what_changed_is_beyond_chance_of_all_that_were_compared() -> None:
 
 
 @pytest.mark.parametrize(("times", "counts"), [(1.05, False), (1.5, True)])
-def test_one_of_many_that_is_just_beyond_three_sigma_is_marked_and_does_not_count(times: float, counts: bool) -> None:
+def test_one_of_many_that_is_just_beyond_three_sigma_is_neither_marked_nor_counted(times: float, counts: bool) -> None:
     """A BA that differs at one temperature by a little more than three sigma is one of eighteen values."""
     one, rows = night(2), night(2).sensors[2]
     was = next(each for each in Comparison(one, night(1)).differences if each.parameter == "BA").difference
@@ -92,6 +93,23 @@ def test_one_of_many_that_is_just_beyond_three_sigma_is_marked_and_does_not_coun
     found = Comparison(now, night(1))
     assert [each.parameter for each in found.differences if each.flagged] == ["BA"]
     assert bool(found.flagged) is counts
+    content = gather(now, comparison=found)
+    assert render(content).count(">BEYOND<") == counts
+    assert sum(tables_of(content)["differences"]["beyond_chance"].to_pylist()) == counts
+    assert found.causes == []  # of one temperature alone no cause says more than the value does
+
+
+def test_a_cause_of_many_differences_is_told_where_one_of_them_alone_is_beyond_chance() -> None:
+    """GSA by 2.2 at -20 °C and 1.7 at 60 °C, of which one is beyond chance: together they say more than it does."""
+    now = night(2)
+    rows = now.sensors[2]
+    size = 2.2 - 0.006 * (rows.conditions.columns["temperature_degC"] + 20.0)
+    more = rows.conditions.f_g[:, :2] * size[:, None]
+    now = replace(now, sensors={2: replace(rows, rates_deg_per_hr=rows.rates_deg_per_hr + more)})
+    found = Comparison(now, night(1))
+    assert len(found.flagged) == 1
+    (said,) = found.causes
+    assert "one cause: GSA differs by " in said
 
 
 def test_another_order_of_collects_is_said() -> None:
