@@ -275,6 +275,8 @@ def _called(document: dict[str, Any], case: Case) -> np.ndarray:
         rows = np.ones(len(case.night), dtype=bool)
         if "position" in where:
             rows &= case.night.position == where["position"]
+        if "collect_of_run" in where:
+            rows &= case.night.order == where["collect_of_run"] - 1
         if "temperature_degC" in where:
             low, high = where["temperature_degC"]
             rows &= (case.night.rotor >= low) & (case.night.rotor <= high)

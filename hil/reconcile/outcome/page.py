@@ -116,6 +116,8 @@ def place_in_words(where: Mapping[str, Any]) -> str:
     parts = [f"sensor {where['sensor']}, channel {where['channel']}"]
     if "position" in where:
         parts.append(f"position {where['position']}")
+    if "collect_of_run" in where:
+        parts.append(f"collect {where['collect_of_run']} of each run")
     if "temperature_degC" in where:
         low, high = where["temperature_degC"]
         span = f"at {low:z.0f} °C" if high - low < 1.0 else f"from {low:z.0f} to {high:z.0f} °C"

@@ -29,9 +29,10 @@ _ALIKE = 0.9  # F1 from which a simpler description stands for the collects it i
 def places(fit: Fitted, terms: Sequence[set[tuple[int, int]]], p_value: float, alpha: float) -> list[Disagreement]:
     """Return the places of what was added, largest first: `terms` (sensor, term) of each name, `p_value` its detection.
 
-    A place is a channel, the positions and the temperatures or runs in which all that was added contributes materially
-    and with one sign; its size is the mean contribution. q-values hold for the whole map (Benjamini and Hochberg), and
-    none is smaller than the chance that nothing is missing at all.
+    A place is a channel, the positions, or, where a position is gone to again and moves another way then, the collects
+    of a run, and the temperatures or runs in which all that was added contributes materially and with one sign; its
+    size is the mean contribution. q-values hold for the whole map (Benjamini and Hochberg), and none is smaller than
+    the chance that nothing is missing at all.
     """
     out: list[Disagreement] = []
     for sensor, known in fit.conditions.items():
@@ -98,20 +99,30 @@ def _cells(
 ) -> Iterator[tuple[dict[str, Any], BoolArray]]:
     """The material rows of a block as places in the campaign's own words, each with the rows that it covers."""
     names = list(conditions.sensor.channels)
-    labels = conditions.position[block.rows]
+    nth = np.zeros(len(conditions), dtype=np.int64)
+    for own in conditions.of_each_run.values():
+        nth[own[np.argsort(conditions.start_s[own], kind="stable")]] = np.arange(1, len(own) + 1)
+    parted = {"": 0 * block.rows, "position": conditions.position[block.rows], "collect_of_run": nth[block.rows]}
     for channel in np.unique(block.channel):
         on_channel = block.channel == channel
         for sign in (1.0, -1.0):
             touched = on_channel & material & (sign * values > 0.0)
             where = {"sensor": block.sensor, "channel": names[channel]}
-            whole = list(_extents(block, conditions, touched, on_channel))
-            if _agreement(_any(whole, on_channel), touched) >= _ALIKE:
-                yield from ((where | extra, rows) for extra, rows in whole)
-                continue
-            for label in np.unique(labels[touched]):
-                there = on_channel & (labels == label)
-                for extra, rows in _extents(block, conditions, touched & there, there):
-                    yield where | {"position": str(label)} | extra, rows
+            every: dict[str, list[tuple[dict[str, Any], BoolArray]]] = {key: [] for key in parted}
+            for key, parts in parted.items():
+                for part in np.unique(parts[touched]).tolist():
+                    there = on_channel & (parts == part)
+                    cells = _extents(block, conditions, touched & there, there)
+                    place = where | ({key: part} if key else {})
+                    # Of what moves both ways the mean is nothing, and the same rows would be two places.
+                    every[key] += [(place | extra, rows) for extra, rows in cells if _one_way(sign * values[rows])]
+            alike = (found for found in every.values() if _agreement(_any(found, on_channel), touched) >= _ALIKE)
+            yield from next(alike, every["position"])
+
+
+def _one_way(values: FloatArray) -> bool:
+    """Whether values, (k,), are positive by most of what they are."""
+    return bool(values.sum() > 0.5 * np.abs(values).sum())
 
 
 def _extents(

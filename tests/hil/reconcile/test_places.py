@@ -140,6 +140,22 @@ def test_of_an_effect_that_the_base_imitates_in_part_the_places_are_what_is_left
         assert abs(place.size_deg_per_hr) < np.abs(seen).max()
 
 
+def test_where_a_position_is_moved_both_ways_the_places_are_collects_of_a_run() -> None:
+    """A drift in a palindrome: the means of a position are nothing; each run's ends are moved, and one way."""
+    rows = lay_out(np.random.default_rng(5), (10.0, 45.0), 3, ("1", "3", "2", "2", "3", "1"))
+    hidden = both(rows.order - 2.5, 1.5, -1.0)
+    rates = base_rates(rows, thermal=False) + noise(rows, np.random.default_rng(6)) + hidden
+    places = list(reconcile(campaign_of(rows, rates), "matrix-6", prove=False).disagreements)
+    assert {(d.where["channel"], d.where["collect_of_run"]) for d in places} == {
+        (channel, collect) for channel in ("RA", "RB") for collect in (1, 2, 5, 6)
+    }
+    assert len(places) == 8
+    for each in places:
+        moved = hidden[rows.order == each.where["collect_of_run"] - 1, ["RA", "RB"].index(each.where["channel"])]
+        assert abs(each.size_deg_per_hr - moved.mean()) < 4.0 * each.se_deg_per_hr
+    assert ", collect 6 of each run" in place_in_words(places[0].where | {"collect_of_run": 6})
+
+
 @pytest.mark.slow
 def test_where_nothing_is_missing_there_are_no_places() -> None:
     """Noise alone."""
