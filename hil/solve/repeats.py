@@ -29,7 +29,7 @@ from hil.campaign import BoolArray, Campaign, Collects, Conditions, FloatArray, 
 from hil.files.numbers import degrees
 from hil.solve.between_runs import BetweenRuns
 from hil.solve.precision import stated_noise, to_record_of
-from hil.solve.residuals import Changes, larger_somewhere, noise_left, shares_of
+from hil.solve.residuals import NO_ONE, Changes, larger_somewhere, noise_left, shares_of
 from hil.solve.runs import RunSolution, told_by_runs
 from hil.solve.temperatures import (
     nearest,
@@ -208,7 +208,7 @@ class SensorRepeats:
     @property
     def cautions(self) -> list[str]:
         """Say what is to be known of every ±: where standard errors do not hold, and where no one scatter does."""
-        return [*self.noise_in_words, *self.uneven_in_words, *self.visits_in_words]
+        return [*dict.fromkeys([*self.noise_in_words, *self.uneven_in_words]), *self.visits_in_words]
 
     @property
     def repeated(self) -> bool:
@@ -266,13 +266,13 @@ class SensorRepeats:
 
     @property
     def uneven_in_words(self) -> list[str]:
-        """Say which parameters scatter more at some temperatures than at others: no one ± holds at each."""
-        told = []
+        """Say what noise or which parameters are larger at some temperatures than at others: no one ± holds at each."""
+        told, by_noise = [], [*self.differ.uneven_in_words(self.channels), *self.left_larger]
         for name in (name for name, odd in zip(self.names, self.uneven, strict=True) if odd):
             most = max(self.means, key=lambda mean: np.nan_to_num(mean.scatter.get(name, 0.0)))
             told.append(f"{name} (most at {degrees(most.temperature_degC)}, {numbered('run', most.runs)})")
         how = f"{'scatters' if len(told) == 1 else 'scatter'} more at some temperatures than at others"
-        return [f"{listed(told)} {how}: no one ± holds at each"] if told else []
+        return [*by_noise, *([f"{listed(told)} {how}: {NO_ONE}"] if told else [])]
 
     @property
     def visits_in_words(self) -> list[str]:
@@ -294,10 +294,8 @@ def repeats(
             shown = _of_sensor(own, collects, alike, tuple(used.not_used[number]), campaign.run_scatter.get(number, {}))
             shown = replace(shown, temperature_degC=of_runs_degC(campaign.sensors[number].conditions))
             if campaign.rebuilt and shown.stated:  # beyond the errors of means of runs nothing scatters that is unknown
-                means = []
-                for mean in shown.means:
-                    known = {name: replace(of, beyond=of.beyond or 0.0) for name, of in mean.values.items()}
-                    means.append(replace(mean, values=known))
+                known = [{n: replace(of, beyond=of.beyond or 0.0) for n, of in e.values.items()} for e in shown.means]
+                means = [replace(mean, values=of) for mean, of in zip(shown.means, known, strict=True)]
                 shown = replace(shown, means=means, of_means=True)
             found[number] = shown
     return found

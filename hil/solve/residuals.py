@@ -28,6 +28,8 @@ LACKS = "the model lacks something (ask hil reconcile), or they are too small, a
 """Why runs FAIL that would FAIL again if they were measured again."""
 MOVED = "by what the unit went through before it had settled, or by what the model lacks then, too"
 """Why runs FAIL whose soak had not ended."""
+NO_ONE = "no one ± holds at each"
+"""Of temperatures at which noise, or what changes from run to run, is not alike."""
 _ROUNDING = 1e-6  # of their errors: values that differ by less do not differ
 _COMMON = 1e-3  # of what all runs have in common: less is a difference of poses, and their parameters'
 
@@ -112,15 +114,18 @@ class Changes:
             * (times > 1.0 and not self.certain)
             for of, times in ({"all channels together": max(odd.values())} if together else odd).items()
         ]
+        return [*said, *self.uneven_in_words(channels)]
+
+    def uneven_in_words(self, channels: Sequence[str]) -> list[str]:
+        """Say of which channels averages differ by more at one temperature than their standard errors, by how much."""
         where: dict[str, list[str]] = {}
         for c, channel in enumerate(channels):
             degC, _, times = max(self.uneven, key=lambda each: each[2][c], default=(0.0, (), np.ones(len(channels))))
             if times[c] > 1.0:
                 at = f"{significant(times[c])} times their standard errors at {degrees(degC)}"
                 where.setdefault(at, []).append(channel)
-        for at, of in where.items():
-            said.append(f"averages of {listed(of)} differ by more at some temperatures than at others: by {at}")
-        return said
+        how = "differ by more at some temperatures than at others"
+        return [f"averages of {listed(of)} {how}: by {at}: {NO_ONE}" for at, of in where.items()]
 
 
 def changes(rows: Collects, runs: Set[int]) -> Changes:
@@ -184,7 +189,7 @@ def larger_somewhere(at: Sequence[tuple[float | None, Sequence[tuple[FloatArray,
     size = dict(zip(told, np.sqrt(squares / freedom).ravel().tolist(), strict=True))
     loud, quiet = max(size, key=lambda of: size[of]), min(size, key=lambda of: size[of])
     times = significant(size[loud] / max(size[quiet], 1e-300))
-    return [f"residuals are {times} times as large at {degrees(loud)} as at {degrees(quiet)}: no one ± holds at each"]
+    return [f"residuals are {times} times as large at {degrees(loud)} as at {degrees(quiet)}: {NO_ONE}"]
 
 
 def _differs(white: FloatArray, columns: FloatArray, root: FloatArray) -> FloatArray:

@@ -150,5 +150,5 @@ def _said(observed: SensorRepeats) -> list[str]:
     """Return what is to be known of what repeats show, which stands beside it; or why they show nothing."""
     if not observed.repeated:
         return observed.sentences()
-    of_noise = [*observed.left_larger, *observed.uneven_in_words]
-    return [*observed.visited_once, *observed.between.in_words, *of_noise, *observed.visits_in_words]
+    by_temperature = [*observed.uneven_in_words, *observed.visits_in_words]
+    return [*observed.visited_once, *observed.between.in_words, *by_temperature]

@@ -45,7 +45,7 @@ def scatter_of_unit(campaign: Campaign) -> dict[int, UnitScatter]:
             lasting = dict.fromkeys([*ages, *steps, *shown.of_visits])
             both = (shown.spread.beyond, _at_most(shown.spread))
             sizes, at_most = (dict(zip(shown.names, of.tolist(), strict=True)) for of in both)
-            out[number] = UnitScatter(sizes, at_most, tuple(lasting), tuple(shown.between.in_words))
+            out[number] = UnitScatter(sizes, at_most, tuple(lasting), (*shown.between.in_words, *shown.uneven_in_words))
     return out
 
 

@@ -9,12 +9,14 @@ from hil.analysis.thermal.fit import fit_thermal
 from hil.config import load_bench
 from hil.design.budget.document import Asked, budget_document
 from hil.design.budget.scenes import measured_scenes
+from hil.design.sequence.unit_scatter import scatter_of_unit
 from hil.design.visibility.document import campaign_document, visibility_text
 from hil.reconcile import reconcile
 from hil.reconcile.scattering import what_scatters
 from hil.solve import repeats, solve_campaign
 from tests.hil.solve.runs_of_a_unit import campaign, up_and_down, with_column, with_rates
 from tests.hil.solve.test_between_runs import after, visits_again, with_mua
+from tests.hil.solve.test_what_differs import noisy_in_the_cold
 
 
 @pytest.mark.slow
@@ -36,6 +38,22 @@ def test_that_no_one_uncertainty_holds_at_each_temperature_is_said_by_all() -> N
     assert f"sensor 2: {said}" in fit_thermal(made).sensors[2].notes
     assert any(line.endswith(said) for line in what_scatters(made).sentences())
     assert any(note.endswith(said) for note in reconcile(made, "matrix-6", prove=False).notes)
+
+
+def test_that_noise_is_larger_at_one_temperature_is_said_by_all() -> None:
+    """By whoever pools a ± over all temperatures, whether what shows it is residuals or what runs differ by."""
+    made = noisy_in_the_cold(4.0, 1)
+    shown, scenes = repeats(made, solve_campaign(made)), measured_scenes(made, load_bench("simulated"), {})
+    every = [each for each in shown[2].uneven_in_words if each.startswith("averages of ")]
+    assert every
+    assert all(said.endswith("their standard errors at -20.0 °C: no one ± holds at each") for said in every)
+    assert {*every} < {*shown[2].sentences()}
+    assert len({*shown[2].cautions}) == len(shown[2].cautions)
+    assert {*every} <= {
+        *budget_document(scenes, "t", Asked(draws=100), observed=shown)["sensors"]["2"]["as_solved_for"]
+    }
+    assert {f"sensor 2: {said}" for said in every} <= {*fit_thermal(made).sensors[2].notes}
+    assert {*every} <= {*scatter_of_unit(made)[2].said}
 
 
 @pytest.mark.slow
