@@ -25,7 +25,7 @@ from hil.campaign import Campaign, Collects, FloatArray
 from hil.files.numbers import decimals_for, degrees, estimate
 from hil.solve import repeats, solve_campaign
 from hil.solve.repeats import SensorRepeats
-from hil.solve.temperatures import NOT_SETTLED, apart, nearest, order_of_runs, runs_by_temperature
+from hil.solve.temperatures import apart, nearest, order_of_runs, runs_by_temperature, why_unsettled
 from hil.solve.uncertain import RARE, MeanAt, Uncertain
 from procedures.verdict import NOT_GOOD
 from procedures.words import first_few, listed, numbered
@@ -95,7 +95,8 @@ class Comparison:
             if sensor not in before:
                 remarks.append(f"The earlier campaign has no sensor {sensor}.")
                 continue
-            moving = [{r for e in of if e.sensor == sensor and not e.settled for r in e.runs} for of in solved]
+            late = [[e for e in of if e.sensor == sensor and not e.settled] for of in solved]
+            moving = [{run: [each.reason for each in e.beside] for e in of for run in e.runs} for of in late]
             for mean in shown.means:
                 match, where = before[sensor].at(mean.temperature_degC), shown.where(mean)
                 if why := _not_comparable(mean, match, moving):
@@ -189,13 +190,13 @@ class Comparison:
 _Place = tuple[str, tuple[int, ...]]  # a position, and the runs of one temperature
 
 
-def _not_comparable(mean: MeanAt, match: MeanAt | None, moving: Sequence[set[int]]) -> str:
+def _not_comparable(mean: MeanAt, match: MeanAt | None, moving: Sequence[Mapping[int, list[str]]]) -> str:
     """Return why a mean cannot be compared with the earlier one that matches it; empty where it can."""
     if match is None:
         return "the earlier campaign has no such temperature"
     for whose, of, moved in zip(("", "the earlier campaign's "), (mean, match), moving, strict=True):
-        if runs := moved.intersection(of.runs):
-            return f"{whose}{numbered('run', runs)}: {NOT_SETTLED}"
+        if runs := moved.keys() & {*of.runs}:
+            return f"{whose}{numbered('run', runs)}: {why_unsettled(each for run in runs for each in moved[run])}"
     own = match.unit_degC
     if own is None or not apart(own, mean.unit_degC):
         return ""

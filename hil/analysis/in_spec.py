@@ -33,7 +33,7 @@ from hil.records.reader import is_night
 from hil.records.status import night_status
 from hil.solve import RunSolution, repeats
 from hil.solve.repeats import SensorRepeats
-from hil.solve.temperatures import NOT_SETTLED
+from hil.solve.temperatures import why_unsettled
 from hil.solve.uncertain import MeanAt, Uncertain
 from procedures.verdict import NOT_GOOD, Judgement
 from procedures.words import counted, numbered
@@ -182,7 +182,7 @@ def judge(
     for number, of in limits.sensors.items():
         own = [each for each in solutions if each.sensor == number]
         bad = {run for each in own if each.verdict in NOT_GOOD for run in each.runs}
-        moving = {run for each in own if not each.settled for run in each.runs}
+        moving = {run: [of.reason for of in each.beside] for each in own if not each.settled for run in each.runs}
         alone = {run for each in own if not each.compared for run in each.runs}
         for name, each in of.items():
             if number not in shown or name not in shown[number].names:
@@ -205,7 +205,7 @@ class _Judged:
     limits: ParameterLimits
     shown: SensorRepeats
     bad: set[int]
-    moving: set[int]
+    moving: Mapping[int, list[str]]
     alone: set[int]
 
     def _doubt(self, means: Sequence[MeanAt]) -> str:
@@ -213,9 +213,11 @@ class _Judged:
         if any(self.name not in mean.values for mean in means):
             return "no run could tell it here"
         told = [self.shown.runs_of(mean, self.name) for mean in means]
-        for those, why in ((self.bad, "not good (INCONCLUSIVE or FAIL)"), (self.moving, NOT_SETTLED)):
-            if found := those.intersection(run for runs in told for run in runs):
-                return f"{numbered('run', found)}: {why}"
+        every = {run for runs in told for run in runs}
+        if found := self.bad & every:
+            return f"{numbered('run', found)}: not good (INCONCLUSIVE or FAIL)"
+        if late := self.moving.keys() & every:
+            return f"{numbered('run', late)}: {why_unsettled(of for run in late for of in self.moving[run])}"
         if self.rule.sigmas and any(mean.values[self.name].beyond is None for mean in means):
             return _ALONE
         if self.shown.uneven[self._place] and self.rule.sigmas:

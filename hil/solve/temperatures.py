@@ -35,6 +35,7 @@ _LEFT = 0.05  # of the square of what a thermometer showed: setpoints that leave
 _SIGMAS, _DIGIT_DEGC = 5.0, 0.03  # by which a slope is no jitter; and what a thermometer of one digit makes of none
 
 NOT_SETTLED = "the soak had not ended"
+_OR_OFF = f"is off, or {NOT_SETTLED}"
 
 OF_A_LAW = 3
 """Temperatures from which on it can be told how values follow temperature: of two, what lies between is anyone's."""
@@ -297,10 +298,15 @@ def unsettled(conditions: Conditions) -> dict[int, str]:
             if not several:
                 moving = f"moved by up to {slope[off].max():.2g} °C/min, at {known_mean(own[off]):z.1f} °C in the mean"
             elif setpoint is not None and not to_come[off].any():
-                moving, why = f"shows {_levels(conditions, own, here)}", f"it is off, or {NOT_SETTLED}"
+                moving, why = f"shows {_levels(conditions, own, here)}", f"it {_OR_OFF}"
             words = f"{at}the unit's own thermometer {moving}: {why}"
             found |= dict.fromkeys(np.unique(conditions.run[off]).tolist(), words)
     return found
+
+
+def why_unsettled(words: Iterable[str]) -> str:
+    """Return why of what `unsettled` says of runs, without where it shows: both where either may be."""
+    return f"the thermometer {_OR_OFF}" if any(each.endswith(_OR_OFF) for each in words) else NOT_SETTLED
 
 
 def _mostly(off: FloatArray, far: float) -> float | None:

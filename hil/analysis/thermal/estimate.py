@@ -25,7 +25,14 @@ from hil.model.forms import LinearForm, default_form, named_form
 from hil.solve import Solution, solve
 from hil.solve.precision import stated_noise
 from hil.solve.runs import solve_rates
-from hil.solve.temperatures import at_no_temperature, runs_by_temperature, too_few, unit_mean_degC
+from hil.solve.temperatures import (
+    at_no_temperature,
+    runs_by_temperature,
+    too_few,
+    unit_mean_degC,
+    unsettled,
+    why_unsettled,
+)
 from hil.solve.uncertain import CONFIDENCE, Spread
 from procedures.words import counted, numbered
 
@@ -242,10 +249,10 @@ def layout_of(
         collects = collects.rows(~left)
         notes.append(f"sensor {number}: {counted(int(left.sum()), 'row')} without temperature: left out")
     if late := at_no_temperature(collects.conditions, apart_degC):
+        why = unsettled(collects.conditions)
+        cause = why_unsettled(why[run] for run in late if run in why)
         collects = collects.rows(~np.isin(collects.conditions.run, late))
-        notes.append(
-            f"sensor {number}: {numbered('run', late)} had not settled where others had: in none of these curves"
-        )
+        notes.append(f"sensor {number}: {numbered('run', late)}: {cause}: in none of these curves")
     stations = find_stations(collects.conditions, apart_degC)
     form = named_form(model_name, collects.conditions) if model_name else default_form(collects.conditions)
     form = form.without(as_zero)

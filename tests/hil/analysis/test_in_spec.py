@@ -10,16 +10,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil.analysis.against import Comparison
+from hil.analysis.against import Comparison, _not_comparable
 from hil.analysis.in_spec import _ALONE, _NO_TEMPERATURE, _ONCE, _UNEVEN, InSpec, Word, in_spec_of, judge
 from hil.analysis.night_verdict import night_verdict
+from hil.analysis.thermal.fit import fit_thermal
 from hil.campaign import Campaign
 from hil.config.limits import Limits, ParameterLimits
 from hil.errors import InputError
 from hil.solve import repeats, solve_campaign
 from hil.solve.repeats import means_of
 from hil.solve.temperatures import NOT_SETTLED
-from hil.solve.uncertain import Spread
+from hil.solve.uncertain import MeanAt, Spread
 from procedures.verdict import Judgement, Verdict
 from tests.hil.analysis.thermal.nights import rotor_night
 
@@ -94,10 +95,25 @@ def test_of_a_soak_that_had_not_ended_nobody_can_tell() -> None:
         cold, *others, scatter, span = judged(moving, rule.model_copy(update=how)).characteristics
         assert {each.word for each in others} == {Word.OUT}
         for each in (cold, scatter, span):
-            assert (each.word, each.reason) == (Word.UNKNOWN, f"runs 2–3: {NOT_SETTLED}"), each
+            assert (each.word, each.reason) == (Word.UNKNOWN, f"runs 2–3: the thermometer is off, or {NOT_SETTLED}")
         assert cold.name.startswith("sensor 2, BA at -30.0 °C (as set, unit -30.")
         assert cold.document()["temperature_of"] == "setpoint_degC"
         assert cold.unit_degC == pytest.approx((-30.0, -24.0), abs=0.4)
+
+
+def test_a_thermometer_that_may_be_off_is_no_soak_that_had_not_ended_for_certain() -> None:
+    """It shows 7 °C more in one run of three: curves, and a comparison where it would be in a mean, say both."""
+    one = night()
+    rows = one.sensors[2].conditions
+    own = rows.columns["temperature_degC"]
+    told = {**rows.columns, "setpoint_degC": np.round(own, -1), "temperature_degC": own + 7.0 * (rows.run == 2)}
+    off = replace(one, sensors={2: replace(one.sensors[2], conditions=replace(rows, columns=told))})
+    said = f"the thermometer is off, or {NOT_SETTLED}"
+    assert f"it is off, or {NOT_SETTLED}" in next(each.reason for each in solve_campaign(off) if each.run == 2)
+    assert f"sensor 2: run 2: {said}: in none of these curves" in fit_thermal(off).sensors[2].notes
+    mean = MeanAt(-30.0, (1, 2), {}, {})
+    for why, short in ((f"runs 1, 3: it is off, or {NOT_SETTLED}", said), (f"the run: {NOT_SETTLED}", NOT_SETTLED)):
+        assert _not_comparable(mean, mean, [{2: ["as it is", why]}, {}]) == f"run 2: {short}"
 
 
 @pytest.mark.parametrize(
