@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray, IntArray
+from hil.files.numbers import rounded
 from hil.reconcile.search.block_search import BlockSearch
 from hil.reconcile.search.chains import COMPARED
 from hil.reconcile.search.posterior import Found, Posterior
@@ -15,6 +16,7 @@ from hil.reconcile.search.sets import SensorSearch, Set
 from hil.reconcile.search.sizes import over_sizes
 from hil.solve.identifiability import describe, orthonormal, project_out
 from hil.solve.runs import OBSERVABLE
+from procedures.words import listed, unit_in_words
 
 Key = tuple[int, int, int]  # sensor, term, parameter
 Values = Mapping[int, tuple[float, float]]
@@ -110,7 +112,7 @@ class Fitted:
         return {k: (v / float(scale[k]), e / float(scale[k])) for (*of, k), v, e in every if of == [number, place]}
 
     def only_together(self, number: int, place: int) -> tuple[str, ...]:
-        """Say which of a term's parameters these rows tell in combination only; nothing where there are none."""
+        """Say which of a term's parameters these rows tell in combination only, and its value; nothing of none."""
         own = [at for at, key in enumerate(self.keys) if key[:2] == (number, place)]
         whole, left = [], []
         for block in self.blocks:
@@ -118,10 +120,17 @@ class Fitted:
             whole.append(block.white(columns))
             left.append(block.beside(columns))
         term, each = self.posterior.term(number, place), [self.keys[at][2] for at in own]
-        names, scale = [term.candidate.parameters[k].name for k in each], term.scale[each]
+        parameters, scale = [term.candidate.parameters[k] for k in each], term.scale[each]
         size = np.linalg.norm(np.concatenate(whole), axis=0)
         rows = np.linalg.qr(np.concatenate(left) * scale).R  # of which the directions are the same
-        return describe(names, rows, size * scale, OBSERVABLE).sentences
+        told = describe([of.name for of in parameters], rows, size * scale, OBSERVABLE)
+        of = told.seen / scale
+        errors = np.sqrt(np.diag(of @ self.covariance[np.ix_(own, own)] @ of.T)).tolist()
+        sizes = map(rounded, (of @ self.values[own]).tolist(), errors)
+        units = (unit_in_words(parameters[at].unit) for at in np.argmax(told.seen == 1.0, axis=1).tolist())
+        known = {text: f"{text} = {size} {unit}" for text, size, unit in zip(told.seen_text, sizes, units, strict=True)}
+        said = [(each, listed([of for text, of in known.items() if text in each])) for each in told.sentences]
+        return tuple(f"{each} ({values})" if values else each for each, values in said)
 
     def effect(self, block: FittedBlock) -> FloatArray:
         """Return what all terms make of a block's rates, (N,), deg/hr."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -146,7 +147,11 @@ def test_what_collects_tell_of_parameters_only_together_is_said() -> None:
     result = reconcile(hidden, "matrix-6", prove=False)
     assert "k2" in ids(result)
     (said,) = [note for note in result.notes if note.startswith("k2, sensor 2: kAA_A - kSS_A")]
-    assert "kAA_A + kSS_A are not: by itself each is only as" in said
+    assert "kAA_A + kSS_A are not (kAA_A - kSS_A" in said
+    told = re.search(r" kAS_A = (-?[0-9.]+) ± ([0-9.]+) deg/hr/g²\): by itself each is only as", said)
+    assert told is not None, said
+    assert abs(float(told[1]) + 24.0) < 4.0 * float(told[2])
+    assert float(told[2]) < 2.0
 
 
 @pytest.mark.slow
