@@ -282,7 +282,7 @@ def test_a_wrong_heading_is_found_where_several_headings_were_measured() -> None
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("sizes", "differ"), [((12.0, 12.0), False), ((12.0, 1.2), True)])
+@pytest.mark.parametrize(("sizes", "differ"), [((12.0, 12.0), False), ((12.0, 2.0), True)])
 def test_how_sure_a_jump_is_is_said_of_each_sensor_where_that_differs(
     sizes: tuple[float, float], *, differ: bool
 ) -> None:
