@@ -24,9 +24,10 @@ def lookalikes(search: SensorSearch, chosen: Set) -> dict[int, list[int]]:
     own = [j for j in chosen if j in names]
     likeliest = [
         int(np.argmax(search.in_block(chosen, b).terms_log + block.points.log_prior))
-        for b, block in enumerate(search.blocks if own else ())
+        for b, block in enumerate(search.blocks)
+        if own
     ]
-    return _in_every_block(search, own, names, likeliest)
+    return _in_every_block(search, own, names, likeliest) if own else {}
 
 
 def names_alike(searches: Iterable[SensorSearch]) -> dict[str, list[str]]:
@@ -36,7 +37,7 @@ def names_alike(searches: Iterable[SensorSearch]) -> dict[str, list[str]]:
         plain = {j: t.name for j, t in enumerate(search.terms) if t.tier == 1 and t.candidate.form == "constant"}
         many = Counter(plain.values())
         names = {j: name for j, name in plain.items() if many[name] == 1}
-        found = _in_every_block(search, [*names], names, [0] * len(search.blocks))
+        found = _in_every_block(search, [*names], names, [0] * len(search.blocks)) if names else {}
         for j, others in found.items():
             of = [names[k] for k in others]
             alike[names[j]] = [name for name in alike.get(names[j], of) if name in of]
@@ -48,7 +49,7 @@ def _in_every_block(
 ) -> dict[int, list[int]]:
     """Return for each of its `own` terms those of other names that are alike in every block, at a point of each."""
     alike = {j: [k for k, name in names.items() if name != names[j]] for j in own}
-    for b, (block, point) in enumerate(zip(search.blocks if own else (), at, strict=True)):
+    for b, (block, point) in enumerate(zip(search.blocks, at, strict=True)):
         laid = [(j, part.columns) for j in names if (part := search.terms[j].parts[b]) is not None]
         columns = np.hstack([np.zeros((len(block.y), 0)), *(columns for _, columns in laid)])
         white = block.projected(columns, np.array([point]))[0]

@@ -40,6 +40,12 @@ def test_units_that_have_k2_do_not_have_drift_for_certain() -> None:
     assert shared.few < shared.fraction
 
 
+def test_where_nothing_may_be_missing_nothing_is_alike() -> None:
+    """A screen of a campaign in which no effect is asked about ended in an internal error."""
+    problem = pose(unit(1, 0.0), load_model("matrix-6"), ())
+    assert names_alike(searches(problem, (), VARIANCE_EFFECTS[:1]).values()) == {}
+
+
 def test_only_what_is_alike_in_every_block_is_alike() -> None:
     """Supply is not; nor is any name alike itself."""
     problem = pose(unit(1, 0.0), load_model("matrix-6"), (*BASE_EFFECTS, *EFFECTS))
