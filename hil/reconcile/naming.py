@@ -152,7 +152,8 @@ def _likelier(
             others = lead[side] - {name}
             beside = [key[side] - others for key in weights if key[other] == lead[other] and key[side] > others]
             may = {name, *(of for of, *more in map(sorted, beside) if not more and of != NO_NAME)}
-            lead[side] = others | {max(sorted(may), key=lambda of: (shares[of], of == name))}
+            # Of what is as probable as makes no difference, what has a name comes first.
+            lead[side] = others | {max(sorted(may), key=lambda of: (round(shares[of], 2), of != NO_NAME, shares[of]))}
     return lead[0] | lead[1]
 
 

@@ -45,7 +45,9 @@ class Rival:
 
         What looks the same always does, however little is left to it by how usual it is.
         """
-        return self.probability if self.alone is None or self.untold else self.alone
+        if self.alone is None or (self.untold and self.alone < LEAST):
+            return self.probability
+        return self.alone
 
     @property
     def beside(self) -> bool:
