@@ -188,8 +188,7 @@ def likely_points(
     rows = _Rows(noise, grid, scales, gram, half_log_det, base.shape[1], each, of)
 
     found = rows.climb()
-    leads = np.flatnonzero(np.any([_leads(own, grid.sort, noise.sorts) for _, own in found], axis=0))
-    if noise.grow(noise.grid.take(leads), _hopeless(grid, [own for _, own in found])):
+    if noise.grow(noise.grid.take(np.flatnonzero(np.any([_leads(own, grid.sort) for _, own in found], axis=0)))):
         gram, half_log_det = noise.products(columns)
         rows = replace(rows, grid=noise.grid, gram=gram, half_log_det=half_log_det)
         found = [(best, rows.everywhere(v, best)) for v, (best, _) in enumerate(found)]
@@ -223,8 +222,11 @@ def _kept(every: Points, best: FloatArray, sorts: Sequence[frozenset[str]]) -> B
     order = np.argsort(-best)
     kept = np.zeros(len(best), dtype=bool)
     kept[order[:POINTS]] = best[order[:POINTS]] > -DEPTH
-    few = np.array([len(own) < TOGETHER for own in sorts])
-    kept |= _highest(best, every.sort) & (few | _do_more(best, every.sort, sorts))[every.sort]
+    highest = _highest(best, every.sort)
+    height = {sorts[every.sort[k]]: best[k] for k in np.flatnonzero(highest)}
+    alone = {own: max((height.get(own - {name}, -np.inf) for name in own), default=-np.inf) for own in height}
+    more = np.array([len(own) < TOGETHER or height.get(own, -np.inf) > alone.get(own, np.inf) for own in sorts])
+    kept |= highest & more[every.sort]
     return np.asarray(kept | (_quiet(every) & (every.profile == every.profile[order[0]])))
 
 
@@ -242,33 +244,10 @@ def _near(height: FloatArray, sort: IntArray) -> BoolArray:
     return np.asarray((height > height.max() - 2.0 * DEPTH) | _highest(height, sort))
 
 
-def _leads(height: FloatArray, sort: IntArray, sorts: Sequence[frozenset[str]]) -> BoolArray:
-    """Tell the highest of points (t,) of each sort (t,) that does more than any part of it, and is not far below."""
-    return np.asarray(
-        _highest(height, sort) & (height >= height.max() - 2.0 * DEPTH) & _do_more(height, sort, sorts)[sort]
-    )
-
-
-def _do_more(height: FloatArray, sort: IntArray, sorts: Sequence[frozenset[str]]) -> BoolArray:
-    """Tell of which sorts the highest of points (t,), of `sort` (t,) each, is higher than with any one effect less."""
-    best = {sorts[sort[k]]: float(height[k]) for k in np.flatnonzero(_highest(height, sort))}
-    less = [max((best.get(own - {name}, -np.inf) for name in own), default=-np.inf) for own in sorts]
-    return np.array([best.get(own, -np.inf) > of_less for own, of_less in zip(sorts, less, strict=True)])
-
-
-def _hopeless(points: Points, heights: Sequence[FloatArray]) -> set[tuple[int, float]]:
-    """Return kinds, by place, with sizes that are far below ordinary noise by themselves, whatever else is ordinary.
-
-    Of points (t,) by all of the heights (t,).
-    """
-    alone = np.count_nonzero(points.amount, axis=1) == 1
-    above = np.max([own - own[points.sort == 0].max() for own in heights], axis=0)
-    known: dict[tuple[int, float], float] = {}
-    for at in np.flatnonzero(alone).tolist():
-        kind = int(np.argmax(points.amount[at]))
-        size = kind, float(points.amount[at, kind])
-        known[size] = max(known.get(size, -np.inf), above[at])
-    return {size for size, most in known.items() if most < -DEPTH}
+def _leads(height: FloatArray, sort: IntArray) -> BoolArray:
+    """Tell the highest of points (t,), and of each sort (t,) those that are higher than all of ordinary noise."""
+    least = max(min(height.max(), height[sort == 0].max()), height.max() - 2.0 * DEPTH)
+    return np.asarray(_highest(height, sort) & (height >= least))
 
 
 def _quiet(points: Points) -> BoolArray:

@@ -9,7 +9,7 @@ parameters at each temperature. D with O is ordinary noise; a C is a hypothesis 
 All but T is handed on from row to row; T is as many columns as there are temperatures, with sizes that are known.
 """
 
-from collections.abc import Container, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from copy import copy
 from functools import cached_property
 from itertools import product
@@ -72,8 +72,7 @@ class Noise:
         self._shown: tuple[FloatArray, FloatArray, FloatArray] = (np.zeros((0, 0)), np.zeros((0, 0, 0)), np.zeros(0))
         *_, offsets, levels = self._tried
         self.grid = self._at([[0.0] * len(self.kinds) + [*both] for both in product(offsets, levels)])
-        usual = (self.grid.offset < max(offsets)) & (self.grid.level == max(levels))
-        self.grow(self.grid.take(np.flatnonzero(usual)))
+        self.grow(self.grid.take(np.flatnonzero(self.grid.offset < max(offsets))))
 
     def at_each_temperature(self) -> "Noise":
         """Return the same noise beside a base that has values at each temperature, where it was at several."""
@@ -150,11 +149,10 @@ class Noise:
         sort, stand = np.array([self.sorts.index(own) for own in of]), np.zeros(len(sizes), dtype=np.int64)
         return Points(sort, amount, offset, level, stand, np.array(log_prior))
 
-    def grow(self, points: Points, hopeless: Container[tuple[int, float]] = ()) -> bool:
+    def grow(self, points: Points) -> bool:
         """Add to the grid what differs in one thing from some points, and tell whether any is new.
 
-        That may be one more effect on the scatter, up to `TOGETHER`, each in one shape at a time; none that is
-        `hopeless`, a place among the kinds with a size.
+        That may be one more effect on the scatter, up to `TOGETHER`, each in one shape at a time.
         """
         known = {*self.grid.keys}
         new: dict[bytes, FloatArray] = {}
@@ -165,7 +163,7 @@ class Noise:
                 alike = [k for k, kind in enumerate(self.kinds) if kind.effect is effect]
                 if len(self.sorts[sort] | {name} - {""}) > TOGETHER:
                     continue
-            for size in (size for size in tried if (place, size) not in hopeless):
+            for size in tried:
                 other = own.copy()
                 other[alike] = 0.0
                 other[place] = size
