@@ -15,6 +15,7 @@ from hil.config import load_bench, load_sweep
 from hil.design.sequence.proposal import design_document
 from hil.design.sequence.search import Goal, propose
 from hil.design.sequence.unit_scatter import scatter_of_unit
+from tests.hil.reconcile.hidden_effects import base_rates, campaign_of, lay_out
 from tests.hil.solve.runs_of_a_unit import campaign
 
 
@@ -53,3 +54,15 @@ def test_what_is_proposed_stands_once_in_the_table(capsys: pytest.CaptureFixture
     """1-3-2 is the proposal and a usual variant: the same night had two lines."""
     assert run(["design", "--sensor", "2"]) == 0
     assert sum(" 1-3-2 " in line for line in capsys.readouterr().out.splitlines()) == 1
+
+
+def test_what_one_run_alone_shows_does_not_last() -> None:
+    """MU of one run of nine is another, and comes back: repeats average it; a step that stays they do not."""
+    lasting = []
+    for after in (np.array([5]), np.arange(5, 10)):
+        rng = np.random.default_rng(1)
+        rows = lay_out(rng, (20.0,), 9, ("1", "3", "2", "4"))
+        rates = base_rates(rows, thermal=False) + rng.normal(0.0, 0.9, (len(rows), 2))
+        rates[:, 1] -= 15.0 * rows.f[:, 2] * np.isin(rows.run, after)
+        lasting.append("MUA" in scatter_of_unit(campaign_of(rows, rates))[2].lasting)
+    assert lasting == [False, True]

@@ -42,6 +42,15 @@ def test_mu_that_steps_before_any_collect_felt_it_is_no_step() -> None:
     assert len(AxialDriftJump().shape_grid(conditions)) < len(Jump().shape_grid(conditions))
 
 
+def test_of_few_runs_none_is_asked_about_alone() -> None:
+    """Of eight nobody can tell one whose MU is another from MU that differs from run to run; of nine it is asked."""
+    alone = [
+        {shape["from_run"] for shape in AxialDriftJump().shape_grid(made.sensors[2].conditions) if shape["runs_held"]}
+        for made in (stepped(1, 8, 1, 0.0, of_mu=True), stepped(1, 9, 1, 0.0, of_mu=True))
+    ]
+    assert alone == [set(), {float(run) for run in range(2, 10)}]
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_mu_that_is_another_in_every_run_does_not_jump(seed: int) -> None:
     """Ten draws around one value: no step."""

@@ -11,7 +11,7 @@ from hil.campaign import Campaign, Collects, Conditions, Sensor
 from hil.model.earth import Site
 from hil.model.equation import Orientation, pickoff_rates, rotor_matrix
 from hil.solve import solve_campaign
-from hil.solve.both_sensors import BothSensors, common_and_differential
+from hil.solve.both_sensors import BothSensors, _of_exchanged, _of_normal, common_and_differential
 
 SITE = Site(34.6, 30.0)
 SIGNED = {
@@ -174,3 +174,11 @@ def test_one_sensor_or_no_repeats_are_no_comparison() -> None:
     assert found.degrees_of_freedom == 0
     assert found.correlations["BA"][1] is None
     assert "too few repeats" in found.sentences()[0]
+
+
+def test_pairs_of_runs_are_exchanged_in_few_ways() -> None:
+    """Of three temperatures with two runs each eight ways tell nothing rare, however alike the two sensors are."""
+    apart = np.repeat([1.0, -2.0, 0.5], 2) * np.tile([1.0, -1.0], 3)
+    away = np.tile(apart[:, None], (2, 1, 6))
+    assert _of_normal(np.full((6, 6), 0.999), 3).max() < 0.05
+    assert np.allclose(_of_exchanged(away, np.repeat([0, 1, 2], 2)), 0.25, atol=0.02)
