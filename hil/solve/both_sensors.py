@@ -197,8 +197,6 @@ def _of_exchanged(away: FloatArray, group: IntArray) -> FloatArray:
     """How rarely (6, 6) runs of one sensor, exchanged within each `group`, go with the other as much (Fisher 1935)."""
     rng = np.random.default_rng(0)
     order = np.lexsort((rng.random((EXCHANGES, len(group))), np.broadcast_to(group, (EXCHANGES, len(group)))))
-    as_they_are = np.empty(len(group), dtype=np.int64)
-    as_they_are[np.argsort(group, kind="stable")] = np.arange(len(group))
-    products = np.abs(np.einsum("rp,erq->epq", away[0], away[1][order[:, as_they_are]]))
+    products = np.abs(np.einsum("rp,erq->epq", away[0][np.argsort(group, kind="stable")], away[1][order]))
     real = np.abs(away[0].T @ away[1])
     return np.asarray((1.0 + (products >= real * (1.0 - 1e-9)).sum(axis=0)) / (1.0 + EXCHANGES))

@@ -8,7 +8,7 @@ from hil.campaign import Conditions
 from hil.model.effects.base import Parameter, ShapeParameter, VarianceEffect
 from hil.model.effects.columns import HOUR_S, column, per_channel
 from hil.model.effects.geometry import local_frame
-from hil.model.effects.scatter import Scatter
+from hil.model.effects.scatter import Scatter, averaged_s, white
 
 _TAU_S = 1800.0
 """Correlation time of pier and floor motion (heating, ventilation, people)."""
@@ -60,9 +60,8 @@ class NoiseAtTemperature(VarianceEffect):
 
     def scatter(self, conditions: Conditions, shape: Mapping[str, float]) -> tuple[Scatter, ...]:
         """Return one over the root of the duration, in hr, of each row at the temperature."""
-        white = np.sqrt(HOUR_S / np.maximum(conditions.duration_s, 1.0))
         here = np.abs(column(conditions, _LEVEL) - shape["at_degC"]) < _APART_DEGC
-        return (Scatter(per_channel(np.where(here, white, 0.0), conditions.sensor), group=np.arange(len(conditions))),)
+        return white(np.where(here, np.sqrt(HOUR_S / averaged_s(conditions)), 0.0), conditions)
 
 
 class BaseMotion(VarianceEffect):

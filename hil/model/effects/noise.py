@@ -10,7 +10,7 @@ from hil.campaign import Conditions, FloatArray
 from hil.model.effects.base import Base, Effect, Parameter, ShapeParameter, VarianceEffect
 from hil.model.effects.columns import HOUR_S, channel_labels, column, middle_hr, per_channel
 from hil.model.effects.history import collect_interval_s, place_in_run
-from hil.model.effects.scatter import Scatter
+from hil.model.effects.scatter import Scatter, averaged_s, white
 from hil.model.forms import mu_columns
 
 _FEW_RUNS = 4  # beside so many others, a run that stands alone is not told from the others' scatter
@@ -144,7 +144,7 @@ class Jump(_Steps):
 
 
 class AxialDriftJump(_Steps):
-    """MU that steps and stays: balls that roll on another track."""
+    """MU that steps and stays, or comes back after one run: balls that roll on another track."""
 
     id = "MU_jump"
     title = "MU jump"
@@ -194,14 +194,6 @@ def _place_among_collects(conditions: Conditions) -> FloatArray:
     return place
 
 
-def _white(sigma: FloatArray, conditions: Conditions, *, of_angle: bool = False) -> tuple[Scatter, ...]:
-    return (Scatter(per_channel(sigma, conditions.sensor), group=np.arange(len(conditions)), of_angle=of_angle),)
-
-
-def _averaged_s(conditions: Conditions) -> FloatArray:
-    return np.maximum(conditions.duration_s, 1.0)
-
-
 class AngleRandomWalk(VarianceEffect):
     """White noise of the rate: averages scatter with one over the root of the averaging time."""
 
@@ -216,7 +208,7 @@ class AngleRandomWalk(VarianceEffect):
 
     def scatter(self, conditions: Conditions, shape: Mapping[str, float]) -> tuple[Scatter, ...]:
         """Return one over the root of the duration, in hr, of each row; rows of no duration count as one second."""
-        return _white(np.sqrt(HOUR_S / _averaged_s(conditions)), conditions)
+        return white(np.sqrt(HOUR_S / averaged_s(conditions)), conditions)
 
 
 class Quantisation(VarianceEffect):
@@ -233,7 +225,7 @@ class Quantisation(VarianceEffect):
 
     def scatter(self, conditions: Conditions, shape: Mapping[str, float]) -> tuple[Scatter, ...]:
         """Return one over the duration (arcsec/s is deg/hr) of each row; rows of no duration count as one second."""
-        return _white(1.0 / _averaged_s(conditions), conditions, of_angle=True)
+        return white(1.0 / averaged_s(conditions), conditions, of_angle=True)
 
 
 class BiasInstability(VarianceEffect):
@@ -386,4 +378,4 @@ class RetainerNoise(VarianceEffect):
     def scatter(self, conditions: Conditions, shape: Mapping[str, float]) -> tuple[Scatter, ...]:
         """Return the white noise that grows below 5 °C, one at −25 °C after an hour of averaging."""
         cold = np.nan_to_num(np.maximum(5.0 - column(conditions, "temperature_degC"), 0.0) / 30.0)
-        return _white(cold * np.sqrt(HOUR_S / _averaged_s(conditions)), conditions)
+        return white(cold * np.sqrt(HOUR_S / averaged_s(conditions)), conditions)

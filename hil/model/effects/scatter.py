@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray, IntArray
-from hil.model.effects.columns import HOUR_S, flattened, middle_hr
+from hil.model.effects.columns import HOUR_S, flattened, middle_hr, per_channel
 
 
 @dataclass(frozen=True)
@@ -96,3 +96,13 @@ def drawn(
         for (k, part), here in zip(of.items(), np.split(values, ends), strict=True):
             rates[k] += np.einsum("ncp,np->nc", part.columns, here[:, : part.columns.shape[2]])
     return rates
+
+
+def white(sigma: FloatArray, conditions: Conditions, *, of_angle: bool = False) -> tuple[Scatter, ...]:
+    """Return coefficients that each row draws anew for each channel, of sizes `sigma` (n,)."""
+    return (Scatter(per_channel(sigma, conditions.sensor), group=np.arange(len(conditions)), of_angle=of_angle),)
+
+
+def averaged_s(conditions: Conditions) -> FloatArray:
+    """Return how long each row was averaged, s, (n,); of no duration it counts as one second."""
+    return np.maximum(conditions.duration_s, 1.0)

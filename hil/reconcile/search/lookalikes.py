@@ -21,13 +21,10 @@ _NONE = 1e-6  # of columns of unit size: a direction of which the base leaves so
 def lookalikes(search: SensorSearch, chosen: Set) -> dict[int, list[int]]:
     """Return for each effect of a set those that do in every block just what it does beside the base."""
     names = {j: term.name for j, term in enumerate(search.terms) if term.tier == 1}
-    own = [j for j in chosen if j in names]
-    likeliest = [
-        int(np.argmax(search.in_block(chosen, b).terms_log + block.points.log_prior))
-        for b, block in enumerate(search.blocks)
-        if own
-    ]
-    return _in_every_block(search, own, names, likeliest) if own else {}
+    if not (own := [j for j in chosen if j in names]):
+        return {}
+    log_weights = (search.in_block(chosen, b).terms_log + of.points.log_prior for b, of in enumerate(search.blocks))
+    return _in_every_block(search, own, names, [int(np.argmax(each)) for each in log_weights])
 
 
 def names_alike(searches: Iterable[SensorSearch]) -> dict[str, list[str]]:
