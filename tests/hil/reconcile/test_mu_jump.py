@@ -7,6 +7,7 @@ import pytest
 
 from hil.campaign import Campaign, Collects, Conditions, Sensor
 from hil.model.effects.noise import AxialDriftJump, Jump
+from hil.model.effects.thermal import AxialHysteresis
 from hil.reconcile import reconcile
 from tests.hil.reconcile.hidden_effects import base_rates, campaign_of, lay_out
 
@@ -119,3 +120,15 @@ def test_mu_that_is_another_on_the_way_back_has_two_names() -> None:
     assert {effect.id, *(rival.id for rival in effect.confusable_with)} >= {"MU_hyst", "MU_jump"}
     assert 0.05 < effect.probability < 0.95
     assert result.verdict == "ambiguous"
+
+
+def test_mu_is_larger_on_the_heating_branch_by_its_hysteresis() -> None:
+    """RA += MUB fS, RB -= MUA fS, by +h once the unit was heated past the half width, by -h on the way back."""
+    rows = lay_out(np.random.default_rng(1), (20.0, 40.0, 60.0, 40.0, 20.0), 1, ("3", "4"))
+    rows.temperature = rows.setpoint
+    conditions = campaign_of(rows, np.zeros((len(rows), 2))).sensors[2].conditions
+    columns = AxialHysteresis().columns(conditions, None, {"half_width_degC": 5.0, "from_degC": 20.0})
+    side = np.repeat([0.0, 1.0, 1.0, -1.0, -1.0], 2)
+    assert columns[:, 1, 0] == pytest.approx(-rows.f[:, 2] * side)
+    assert columns[:, 0, 1] == pytest.approx(rows.f[:, 2] * side)
+    assert not columns[:, [0, 1], [0, 1]].any()
