@@ -31,10 +31,9 @@ from procedures.verdict import NOT_GOOD
 from procedures.words import first_few, listed, numbered
 
 SIGMAS = 3.0
-_LEAST_PLACES = 3  # positions and temperatures in common that a turned sign or another gain must explain together
+_LEAST_PLACES = 3  # positions and temperatures in common that a turned sign or crossed channels must explain together
 _PLACES = {"latitude_deg": 0.2, "heading_deg": 3.0}  # beyond what two people write of one bench
 _MENDED = 0.05  # of the squares of what was different must be left
-_GAIN = 0.02
 _SHOWN = 3  # differences in words
 
 
@@ -72,7 +71,7 @@ class Difference:
 class Comparison:
     """What two campaigns have in common, sensor by sensor, temperature by temperature (matched to 2 °C).
 
-    `differences` of their means, and the `causes` that make all of what changed, in words; in `remarks` what must be
+    `differences` of their means, and the `causes` that make all of that, in words; in `remarks` what must be
     known about them, of which `doubts` contradict this campaign; `without` says by sensor and temperature why there is
     none, and `meaningless` why no difference says anything of the unit: the same rates, two units, a bad campaign.
     `source` is who recorded the earlier one, and when.
@@ -86,8 +85,9 @@ class Comparison:
         now, before = repeats(campaign, solved[0]), repeats(earlier, solved[1])
         units = _unit(campaign), _unit(earlier)
         itself, told = list(_itself(campaign, earlier)), list(_units(*units))
-        self.doubts = [*_slips(campaign, earlier), *_sites(campaign.site, earlier.site)]
-        self.remarks = remarks = [*self.doubts, *itself, *told, *_orders(campaign, earlier)]
+        slips = [*_slips(campaign, earlier)]
+        self._apart = [*slips, *_sites(campaign.site, earlier.site)]
+        self.remarks = remarks = [*self._apart, *itself, *told, *_orders(campaign, earlier)]
         judged = night_verdict("complete", solved[1])
         bad = [f"The earlier campaign is {judged.verdict}: {judged.reason}."] if judged.verdict in NOT_GOOD else []
         self.meaningless = next(iter([*itself, *(told if all(units) and units[0] != units[1] else []), *bad]), "")
@@ -108,7 +108,9 @@ class Comparison:
                     }
                     self.differences += [Difference(sensor, name, each, **where) for name, each in both.items()]
         self._sigmas = max(SIGMAS, float(-ndtri(0.5 * RARE / max(len(self.differences), 1))))
-        self.causes = [] if self.meaningless else [*self._causes(earlier, before)]
+        causes = [] if self.meaningless or slips else [*self._causes(earlier, before)]
+        self.causes = [told for told, _ in causes]
+        self.doubts = [*self._apart, *(f"{told[0].upper()}{told[1:]}." for told, scaled in causes if scaled)]
         if not all(math.isfinite(each.difference.sd) for each in self.differences):
             remarks.append(
                 "Where no uncertainty is given, neither standard errors nor repeats are there to tell it from."
@@ -123,15 +125,19 @@ class Comparison:
         """Whether a difference is beyond what chance makes of all that were compared."""
         return abs(each.difference.value) > each.difference.expanded(self._sigmas)
 
-    def _causes(self, earlier: Campaign, before: Mapping[int, SensorRepeats]) -> Iterator[str]:
-        """Yield what makes all that is beyond chance in one sensor, where one cause or two do."""
-        for sensor in dict.fromkeys(each.sensor for each in self.flagged):
+    def _causes(self, earlier: Campaign, before: Mapping[int, SensorRepeats]) -> Iterator[tuple[str, bool]]:
+        """Yield what makes all differences of one sensor, where one cause or two do, and whether that is a gain."""
+        changed = {each.sensor for each in self.flagged}
+        for sensor in dict.fromkeys(each.sensor for each in self.differences):
             of = [(each, each.difference) for each in self.differences if each.sensor == sensor]
             of = [(each, by) for each, by in of if math.isfinite(by.sd) and by.sd > 0.0]
-            values, bound = np.array([(by.value, by.expanded(self._sigmas)) for _, by in of]).T
+            values, bound = np.array([(by.value, by.expanded(self._sigmas)) for _, by in of]).reshape(-1, 2).T
             places = [(each.parameter, each.temperature_degC) for each, _ in of]
-            if told := looks_like(sensor, Differ(places, values, bound / self._sigmas, bound), earlier, before[sensor]):
-                yield f"sensor {sensor}: all of that looks like {told}"
+            differ = Differ(places, values, bound / self._sigmas, bound)
+            told, scaled = looks_like(sensor, differ, earlier, before[sensor], self._sigmas) if of else ("", False)
+            if told:
+                that = "all of that looks" if sensor in changed else "none alone, but all together look"
+                yield f"sensor {sensor}: {that} like {told}", scaled
 
     @property
     def agreeing(self) -> str:
@@ -180,7 +186,7 @@ class Comparison:
     def sentences(self) -> list[str]:
         """Say what was found, the first of it, and what contradicts that."""
         marked = self.sentence + "; the earlier campaign is SIMULATED" * self.simulated
-        why = dict.fromkeys(filter(None, [*self.doubts, self.meaningless]))
+        why = dict.fromkeys(filter(None, [*self._apart, self.meaningless]))
         rest = len(self.flagged) - len(self.first)
         more = [f"and {rest} more: the page has all"] * (rest > 0)
         same = filter(None, [self.agreeing])
@@ -210,7 +216,7 @@ def _itself(campaign: Campaign, earlier: Campaign) -> Iterator[str]:
 
 
 def _slips(campaign: Campaign, earlier: Campaign) -> Iterator[str]:
-    """Yield which channels, turned, exchanged (with another sensor's, too) or with another gain, would agree again."""
+    """Yield which channels, turned or exchanged (with another sensor's, too), would agree again."""
     channels: dict[tuple[int, str], dict[_Place, FloatArray]] = {}
     for number in sorted(campaign.sensors.keys() & earlier.sensors.keys()):
         now, before = campaign.sensors[number], earlier.sensors[number]
@@ -222,13 +228,8 @@ def _slips(campaign: Campaign, earlier: Campaign) -> Iterator[str]:
     away = {each: len(rates) * np.var(np.diff(list(rates.values()))) for each, rates in known.items()}  # beside a bias
     for (number, name), pairs in known.items():
         now, before = np.array(list(pairs.values())).T
-        size = float(now @ now)
-        gain = float(now @ before) / size if size > 0.0 else 1.0
-        left = _MENDED * away[number, name]
-        if np.sum((now + before) ** 2) < left:
+        if np.sum((now + before) ** 2) < _MENDED * away[number, name]:
             yield f"Sensor {number}: the sign of {name} looks turned: with minus it agrees with the earlier rates."
-        elif np.sum((gain * now - before) ** 2) < left and abs(gain - 1.0) > _GAIN:
-            yield f"Sensor {number}: {name} looks {1.0 / gain:.3g} times too large, at every position alike."
     for one, other in combinations(known, 2):
         both = np.array([[known[one][place], known[other][place]] for place in known[one].keys() & known[other].keys()])
         if len(both) >= _LEAST_PLACES and np.sum((both[:, :, 0] - both[:, ::-1, 1]) ** 2) < _MENDED * (

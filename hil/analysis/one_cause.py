@@ -5,6 +5,7 @@
 A cause moves many values together, each as far as it acts there: as solved from the earlier campaign's own rates with a
 hundredth more in one channel, or as its means follow temperature. Its size is fitted to all differences by their ±, and
 it is told where it leaves nothing beyond chance, and beside one such value alone where it explains more than that.
+Where no value alone is beyond chance, a cause of all is told that is so as one of them would have to be.
 """
 
 from collections.abc import Iterator, Sequence
@@ -23,6 +24,7 @@ from procedures.words import listed, spelled
 _MOST = 2  # causes that are told beside each other
 _AS_LIKELY = 6.0  # twice the log of how much likelier one of two makes what is seen, 20 times: it alone is told
 _SURE = 3.0  # times its own uncertainty, which a cause has to be
+_GAIN = 0.02  # by more than that a channel's gain is no unit's that aged
 _STEP = 0.01
 _SINGULAR = 1e6
 
@@ -65,39 +67,43 @@ class Differ:
 
 @dataclass(frozen=True)
 class _Cause:
-    """How a cause of size 1 moves values, (m,), and how it is told: its size, counted `from_one` or from nothing."""
+    """How a cause of size 1 moves values, (m,), and how it is told: its size, from nothing, or from one as a `gain`."""
 
     told: str
     unit: str
     template: FloatArray
-    from_one: float = 0.0
+    gain: bool = False
 
     def in_words(self, size: float, sd: float) -> str:
         """Say it with its size."""
         digits = decimals_for([sd])
-        return self.told.format(f"{self.from_one + size:.{digits}f} ±{sd:.{digits}f}{self.unit}")
+        return self.told.format(f"{self.gain + size:.{digits}f} ±{sd:.{digits}f}{self.unit}")
 
 
-def looks_like(number: int, differ: Differ, earlier: Campaign, shown: SensorRepeats) -> str:
+def looks_like(number: int, differ: Differ, earlier: Campaign, shown: SensorRepeats, sigmas: float) -> tuple[str, bool]:
     """Say of a sensor which cause makes all of its differences, or which two do; empty where more must.
 
     `shown` is what repeats show of it in the `earlier` campaign. Of causes that cannot be told apart all are said.
+    Where no value is beyond the `sigmas` that it has to be, a cause is. And whether, whichever it is, a channel has
+    another gain than a unit's that aged.
     """
     every, beyond = [*_causes(number, differ, earlier, shown)], differ.beyond
     # One value that is another by itself explains itself, and nothing of all others.
     alone = differ.square - float(np.sum((differ.values / differ.sd)[beyond] ** 2))
-    most = alone - _AS_LIKELY if beyond.sum() == 1 else np.inf
+    most, sure = alone - _AS_LIKELY if beyond.sum() == 1 else np.inf, _SURE if beyond.any() else sigmas
     for count in range(1, min(_MOST, max(int(beyond.sum()) - 1, 1)) + 1):
         found = []
         for some in combinations(every, count):
             left, sizes, sds = differ.less(np.stack([each.template for each in some], axis=1))
-            if not np.any(left.beyond) and left.square < most and np.all(np.abs(sizes) > _SURE * sds):
-                found.append((left.square, listed(map(_Cause.in_words, some, sizes.tolist(), sds.tolist()))))
+            if not np.any(left.beyond) and left.square < most and np.all(np.abs(sizes) > sure * sds):
+                scaled = any(each.gain and abs(size) > _GAIN for each, size in zip(some, sizes.tolist(), strict=True))
+                words = listed(map(_Cause.in_words, some, sizes.tolist(), sds.tolist()))
+                found.append((left.square, words, scaled))
         if found:
-            least = min(square for square, _ in found)
-            likely = [words for square, words in sorted(found) if square < least + _AS_LIKELY]
-            return f"{spelled(count)} cause{'s' * (count > 1)}: {', or '.join(likely)}"
-    return ""
+            likely = [each for each in sorted(found) if each[0] < min(found)[0] + _AS_LIKELY]
+            told = f"{spelled(count)} cause{'s' * (count > 1)}: {', or '.join(words for _, words, _ in likely)}"
+            return told, all(scaled for *_, scaled in likely)
+    return "", False
 
 
 def _causes(number: int, differ: Differ, earlier: Campaign, shown: SensorRepeats) -> Iterator[_Cause]:
@@ -114,7 +120,7 @@ def _causes(number: int, differ: Differ, earlier: Campaign, shown: SensorRepeats
         other = replace(earlier, sensors={number: replace(rows, rates_deg_per_hr=scaled)})
         moved = (_means(repeats(other, solve_campaign(other))[number], differ) - _means(shown, differ)) / _STEP
         if np.isfinite(moved).all() and np.any(moved):
-            yield _Cause(f"{channel} is {{}} times what it was", "", moved, 1.0)
+            yield _Cause(f"{channel} is {{}} times what it was", "", moved, gain=True)
     slope = _slopes(shown, differ)
     if np.isfinite(slope).all() and np.any(slope):
         yield _Cause("at every temperature the unit looks warmer by {}", " °C", slope)

@@ -121,3 +121,14 @@ def test_another_order_of_collects_is_said() -> None:
     before = replace(night(1), sensors={2: replace(rows, conditions=replace(rows.conditions, start_s=start_s))})
     assert any("were taken in the order" in each for each in Comparison(now, before).remarks)
     assert not any("were taken in the order" in each for each in Comparison(now, night(1)).remarks)
+
+
+@pytest.mark.parametrize(("times", "doubted"), [(1.015, False), (1.025, True)])
+def test_a_gain_that_no_single_value_shows_is_seen_in_all_of_them(times: float, doubted: bool) -> None:
+    """No value is beyond chance, and all of them together are; by more than 2 % a channel is doubted."""
+    found = Comparison(night(4, lambda rates: rates * [times, 1.0]), night(3))
+    assert not found.flagged
+    (said,) = found.causes
+    assert said.startswith("sensor 2: none alone, but all together look like one cause: RA is 1.0")
+    assert [each.lower() for each in found.doubts] == [f"{said.lower()}."] * doubted
+    assert not Comparison(night(4), night(3)).causes
