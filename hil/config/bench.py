@@ -34,7 +34,7 @@ from hil.config.simulation import Fault, SimulationSection
 from hil.config.site import SiteSection, UncertaintySection
 from hil.config.unit import ASK, ImuSection, UnitSection, build_orientations, labels, of_each, where_listed
 from hil.errors import InputError
-from hil.files.strict import NAME, Section, WholeFile, find_config, near, parse_yaml, read_text, validated_inside
+from hil.files.strict import NAME, Section, WholeFile, find_config, near, parse_yaml, validated_inside
 from hil.files.units import DegreesPerHour, Seconds
 from hil.model.earth import Site
 from hil.model.equation import Orientation
@@ -70,8 +70,7 @@ class SensorSection(Section):
     orientations: Annotated[dict[str, Any], BeforeValidator(labels)] = Field(min_length=1)
     assumed: bool = False
 
-    @model_validator(mode="after")
-    def _hangs_together(self) -> SensorSection:
+    def _check(self) -> None:
         hangs_together(self.axes, self.channels)
         hands = {label: np.linalg.det(each.axes) > 0.0 for label, each in self.built.items()}
         first = next(iter(hands))
@@ -80,7 +79,6 @@ class SensorSection(Section):
                 raise ValueError(
                     f"orientations.{label}: the mirror image of position {first}: no unit can be turned so; see signs"
                 )
-        return self
 
     @cached_property
     def built(self) -> Mapping[str, Orientation]:
@@ -99,6 +97,7 @@ class RecordSection(Section):
 class Bench(WholeFile):
     """A bench, as its file describes it."""
 
+    folder = "benches"
     name: Annotated[str, AfterValidator(_plain_name)]
     title: str = ""
     unit: UnitSection
@@ -153,8 +152,8 @@ class Bench(WholeFile):
             _ = each.imu_description, each.simulation_model, each.chamber_description
         return found
 
-    @model_validator(mode="after")
-    def _simulation_belongs_to_simulated_ports(self) -> Bench:
+    def _check(self) -> None:
+        """Raise `ValueError` where real ports are simulated, or simulated ones are not; or sensors are no one body."""
         if self.faults and self.simulation is None:
             raise ValueError("faults: only what is simulated can be told to fail; there is no simulation section")
         for number, fault in enumerate(self.faults):
@@ -169,10 +168,6 @@ class Bench(WholeFile):
                 raise ValueError(
                     f"clock: a virtual clock cannot drive the real port {port} ({key}); write clock: system"
                 )
-        return self
-
-    @model_validator(mode="after")
-    def _sensors_are_one_body(self) -> Bench:
         (first, of), *others = self.sensors.items()
         for number, each in others:
             stands = {at: of.built[at].axes @ each.built[at].axes.T for at in of.built if at in each.built}
@@ -182,7 +177,6 @@ class Bench(WholeFile):
                         f"sensors.{number}.orientations.{label}: sensor {number} stands otherwise to sensor {first} "
                         f"than at position {next(iter(stands))}, and they are one body: one of the four is wrong"
                     )
-        return self
 
     @property
     def simulated(self) -> bool:
@@ -279,10 +273,4 @@ class Bench(WholeFile):
             raise InputError(f"{self._source or self.name}: {key}: {error}") from error
 
 
-parse_bench = Bench.parse
-
-
-def load_bench(name: str | Path) -> Bench:
-    """Read a bench file, by path or by the name of one that ships with hil; raise `InputError` in one sentence."""
-    path = find_config("benches", name)
-    return parse_bench(read_text(path), str(path))
+parse_bench, load_bench = Bench.parse, Bench.load

@@ -1,9 +1,9 @@
 """The chamber's section of a bench file: its port, its controller, its limits and its safe state."""
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, NonNegativeInt, PositiveInt, model_validator
+from pydantic import AfterValidator, Field, NonNegativeInt, PositiveInt
 
 from drivers.chambers import CHAMBER_DRIVERS, ChamberLimits, SafeState
 from drivers.chambers.catalogue import SerialLine, WarningLimits
@@ -93,8 +93,7 @@ class ChamberSection(Section):
         """How it is spoken to, as `drivers.chambers.catalogue.Spoken` has it, but for the file that describes a box."""
         return {name: getattr(self, name) for name in ("address", "framing", "layout", "terminator", "warning_limits")}
 
-    @model_validator(mode="after")
-    def _hangs_together(self) -> Self:
+    def _check(self) -> None:
         if (self.driver == "box") != (self.description is not None):
             raise ValueError("description: a box needs the file that describes it, other drivers have none")
         if self.dead_man is not None and not CHAMBER_DRIVERS[self.driver].dead_man:
@@ -108,4 +107,3 @@ class ChamberSection(Section):
             raise ValueError(
                 f"safe_state.temperature: {held:.4g} °C lies outside the chamber's limits {low:.4g} … {high:.4g} °C"
             )
-        return self

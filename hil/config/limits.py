@@ -10,14 +10,13 @@ means over the temperatures. Biases are in deg/hr, sensitivities in deg/hr/g. `h
 """
 
 from collections.abc import Mapping
-from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, SkipValidation, model_validator
+from pydantic import BeforeValidator, Field, SkipValidation
 
 from hil.campaign import Sensor
 from hil.errors import InputError
-from hil.files.strict import Section, WholeFile, find_config, near, read_text, validated_inside
+from hil.files.strict import Section, WholeFile, near, validated_inside
 from hil.files.units import RATE, RATE_PER_G, to_number
 from hil.model.forms import parameter_names
 from procedures.words import counted
@@ -34,13 +33,11 @@ class ParameterLimits(Section):
     change: _Above = None
     span: _Above = None
 
-    @model_validator(mode="after")
-    def _leaves_something(self) -> Self:
+    def _check(self) -> None:
         if all(getattr(self, name) is None for name in type(self).model_fields):
             raise ValueError(f"no limit is given; allowed: {', '.join(type(self).model_fields)}")
         if self.low is not None and self.high is not None and self.low >= self.high:
             raise ValueError(f"low: {self.low:g} is not below high, {self.high:g}: no unit could be in spec")
-        return self
 
 
 def _parameter(name: str, given: object) -> ParameterLimits:
@@ -73,6 +70,7 @@ def _by_parameter(given: object) -> object:
 class Limits(WholeFile):
     """A limits file: for which model of unit, by which rule, and each sensor's limits by parameter."""
 
+    folder = "limits"
     title: str
     origin: str
     unit: str = ""
@@ -112,7 +110,4 @@ class Limits(WholeFile):
                     )
 
 
-def load_limits(name: str | Path, beside: Path | None = None) -> Limits:
-    """Read a limits file, by path or by the name of one that ships with hil; raise `InputError` in one sentence."""
-    path = find_config("limits", name, beside)
-    return Limits.parse(read_text(path), str(path))
+load_limits = Limits.load

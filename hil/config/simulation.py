@@ -11,9 +11,9 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, Field, NonNegativeInt, model_validator
+from pydantic import BeforeValidator, Field, NonNegativeInt
 
 from drivers.simulators.chambers.controller import ChamberFault
 from drivers.simulators.unit import FaultWindow
@@ -145,8 +145,7 @@ class Fault(Section):
     duration: Annotated[str | None, BeforeValidator(_text)] = None
     unit: Annotated[str, BeforeValidator(str)] = ""
 
-    @model_validator(mode="after")
-    def _makes_sense(self) -> Self:
+    def _check(self) -> None:
         kinds = CATALOGUE[self.device]
         if self.kind not in kinds:
             raise ValueError(f"kind: {self.kind!r} is nothing that happens to {self.device}{near(self.kind, [*kinds])}")
@@ -158,7 +157,6 @@ class Fault(Section):
         if self.duration is not None and not self.meaning.lasts:
             raise ValueError(f"duration: {self.kind} happens in a moment; leave the duration out")
         _ = self.duration_s
-        return self
 
     @cached_property
     def amount(self) -> float:

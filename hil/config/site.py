@@ -1,9 +1,9 @@
 """Where a bench stands, how level it is, and how well it is known, as its file says it."""
 
-from typing import Annotated, Self
+from typing import Annotated
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from hil.campaign import Conditions, FloatArray
 from hil.files.strict import Section
@@ -21,8 +21,7 @@ class SiteSection(Section):
     axis_2_elevation: Degrees | None = None
     axis_3_elevation: Degrees | None = None
 
-    @model_validator(mode="after")
-    def _one_description_of_level(self) -> Self:
+    def _check(self) -> None:
         by_gravity = self.G2 is not None or self.G3 is not None
         by_angle = self.axis_2_elevation is not None or self.axis_3_elevation is not None
         if by_gravity and by_angle:
@@ -30,7 +29,6 @@ class SiteSection(Section):
         if max(abs(self.G2 or 0.0), abs(self.G3 or 0.0)) > 0.5:
             raise ValueError("G2 and G3 are components of a nearly level bench and must be within 0.5 g")
         self.site()  # the remaining limits are the site's own
-        return self
 
     def site(self) -> Site:
         """Return the site, which knows gravity and earth rate in the bench frame."""

@@ -13,7 +13,7 @@ from hil.config.bench import Bench
 from hil.config.limits import Limits, load_limits
 from hil.config.sections import settings_of
 from hil.errors import InputError
-from hil.files.strict import WholeFile, find_config, near, read_text
+from hil.files.strict import WholeFile, near
 from hil.files.units import Celsius, CelsiusPerMinute
 from hil.model import fitting
 from procedures.plan import Plan, make_plan
@@ -34,6 +34,7 @@ LONGEST_DAYS = 60
 class Sweep(WholeFile):
     """A sweep, as its file describes it."""
 
+    folder = "sweeps"
     title: str
     temperatures: tuple[Celsius, ...] = Field(min_length=1)
     self_calibrations_per_temperature: int = Field(default=3, ge=1, le=MOST_OF_ONE)
@@ -61,13 +62,7 @@ class Sweep(WholeFile):
         )
 
 
-parse_sweep = Sweep.parse
-
-
-def load_sweep(name: str | Path) -> Sweep:
-    """Read a sweep file, by path or by the name of one that ships with hil; raise `InputError` in one sentence."""
-    path = find_config("sweeps", name)
-    return parse_sweep(read_text(path), str(path))
+parse_sweep, load_sweep = Sweep.parse, Sweep.load
 
 
 def planned(sweep: Sweep, bench: Bench) -> Plan:

@@ -6,7 +6,7 @@ find_config("benches", "./my-bench.yaml")  # a path given in full wins
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Self, TypeVar
+from typing import ClassVar, Self, TypeVar
 
 from pydantic import BaseModel, PrivateAttr, ValidationError
 
@@ -43,6 +43,7 @@ def one_line(what: str, text: object, longest: int = REMARK) -> str:
 class WholeFile(Section):
     """A configuration file as a whole: `text` is the YAML that it was read from, what a record keeps."""
 
+    folder: ClassVar[str]  # of those that ship: a key of `SINGULAR`
     _text: str = PrivateAttr(default="")
     _source: str = PrivateAttr(default="")
 
@@ -66,6 +67,12 @@ class WholeFile(Section):
             raise InputError(f"{source}: {first_mistake(error, document)}") from error
         found._text, found._source = text, source
         return found
+
+    @classmethod
+    def load(cls, name: str | Path, beside: Path | None = None) -> Self:
+        """Read a file, by path or by the name of one that ships with hil; raise `InputError` in one sentence."""
+        path = find_config(cls.folder, name, beside)
+        return cls.parse(read_text(path), str(path))
 
 
 def config_folders(kind: str) -> list[Path]:
