@@ -25,12 +25,11 @@ from datetime import datetime
 from itertools import takewhile
 
 from drivers.errors import CommandRefused, DeviceError, SetpointOutOfLimits, WrongDevice
-from procedures.actions import Actions
+from procedures.actions import Actions, rest
 from procedures.attended import Attendant
 from procedures.collect import Times
 from procedures.interlocks import InterlockTripped
 from procedures.journal_protocol import Outcome, StepResult
-from procedures.pause import rest
 from procedures.plan import Plan, Step, StepKind, lasting_s
 from procedures.requests import PauseAsked
 from procedures.safe_air import Left

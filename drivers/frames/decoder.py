@@ -21,8 +21,7 @@ from numpy.typing import NDArray
 from drivers.frames.batch import Decoded, FrameBatch, VariedBatch, join
 from drivers.frames.counts import StreamCounts
 from drivers.frames.description import FrameDescription, StreamDescription
-from drivers.frames.families import families_of
-from drivers.frames.layout import FrameLayout
+from drivers.frames.layout import FrameLayout, families_of
 from drivers.frames.packets import LONGEST
 from drivers.frames.roles import CounterDescription, TimeDescription
 from drivers.frames.scan import Group, PacketScanner, Scan, Scanner, Standing

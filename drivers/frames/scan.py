@@ -17,8 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.frames.families import FrameFamily
-from drivers.frames.layout import Flaw, FrameLayout
+from drivers.frames.layout import Flaw, FrameFamily, FrameLayout
 from drivers.frames.notation import Header
 from drivers.frames.packets import LONGEST, PacketDescription
 from drivers.frames.wire import IntArray, Rows

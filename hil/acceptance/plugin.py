@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 if TYPE_CHECKING:
-    from drivers.positioners.operator import AskOperator
+    from drivers.positioners.positioner import AskOperator
     from hil.bench import LiveBench
     from hil.config import Bench
 

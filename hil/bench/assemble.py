@@ -24,8 +24,7 @@ from drivers.imu import ImuIdentity
 from drivers.imu.stream import StreamImu
 from drivers.outside import brought, loaded
 from drivers.positioners.indexing import IndexingPositioner
-from drivers.positioners.operator import AskOperator, OperatorPositioner
-from drivers.positioners.positioner import Positioner
+from drivers.positioners.positioner import AskOperator, OperatorPositioner, Positioner
 from drivers.simulators import SimulatedDevice
 from drivers.simulators.memory import MemoryTransport
 from drivers.transports import Transport, open_port

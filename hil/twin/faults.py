@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers.clock import Clock, VirtualClock
-from drivers.positioners.operator import AskOperator
+from drivers.positioners.positioner import AskOperator
 from drivers.simulators.chambers.controller import ChamberFault, ChamberFaultKind
 from drivers.simulators.memory import MemoryTransport
 from drivers.simulators.unit import FaultWindow, ImuFault

@@ -7,7 +7,7 @@ from collections import deque
 
 import pytest
 
-from drivers.positioners.operator import OperatorPositioner
+from drivers.positioners.positioner import OperatorPositioner
 from procedures.attended import Attendant
 from procedures.journal_protocol import Outcome
 from procedures.requests import Request, RequestKind

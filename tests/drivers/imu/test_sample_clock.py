@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from drivers.imu.sample_clock import SampleClock
+from drivers.imu.stream import SampleClock
 
 
 def test_late_arrivals_do_not_move_the_samples() -> None:

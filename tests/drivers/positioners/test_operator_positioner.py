@@ -8,8 +8,7 @@ import pytest
 
 from drivers.clock import VirtualClock
 from drivers.errors import CommandRefused, DeviceError, DeviceTimeout
-from drivers.positioners.operator import OperatorPositioner
-from drivers.positioners.positioner import Positioner
+from drivers.positioners.positioner import OperatorPositioner, Positioner
 
 
 def _operator(clock: VirtualClock, answer: bool | None, after_s: float) -> tuple[Callable[..., bool | None], list[str]]:

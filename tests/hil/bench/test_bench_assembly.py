@@ -10,7 +10,7 @@ import pytest
 from drivers.clock import Clock, SystemClock, VirtualClock
 from drivers.errors import DeviceTimeout, SetpointOutOfLimits, TransportError, WrongDevice
 from drivers.positioners.indexing import IndexingPositioner
-from drivers.positioners.operator import OperatorPositioner
+from drivers.positioners.positioner import OperatorPositioner
 from drivers.simulators.memory import MemoryTransport
 from drivers.transports import Transport
 from hil.bench import build_bench
