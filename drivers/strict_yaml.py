@@ -56,10 +56,7 @@ _SENTENCES = {
 
 
 class Section(BaseModel):
-    """A mapping in a file that people write; nothing changes after it was read.
-
-    Keys that it does not know are errors, with the nearest one suggested.
-    """
+    """A mapping in a file that people write, frozen. Unknown keys are errors, with the nearest one suggested."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 

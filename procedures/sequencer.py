@@ -263,11 +263,7 @@ class Sequencer:
         self.watch.set_aside(step.unit, tripped)
 
     def _before_trying_again(self, steps: Sequence[Step], results: Mapping[str, StepResult | DeviceError]) -> None:
-        """Give devices that failed some time.
-
-        Units whose collects were not good are indexed again where they are not confirmed to stand, or do not lie, as
-        these want it.
-        """
+        """Give devices time; index units again that do not stand, or lie, as collects that were not good want it."""
         bad = {step.key: each for step in steps if isinstance(each := results[step.key], StepResult)}
         if len(bad) < len(steps):
             for _ in self.watch.wait(self.watch.now_s + self.watch.polling.retry_wait_s):
@@ -301,10 +297,7 @@ class Sequencer:
         return ""
 
     def _now_in_effect(self, step: Step, result: StepResult) -> bool:
-        """Note what the step put into effect; end the night where soaks never settle.
-
-        A plan never comes back to a key it has left: a new setpoint needs no list of what it undoes.
-        """
+        """Note what a step put into effect (no plan comes back to a key); end the night where soaks never settle."""
         if step.kind is StepKind.RESTABILISE:
             self._unsettled = 0 if result.outcome is Outcome.DONE else self._unsettled + 1
             if self._unsettled >= self.watch.interlocks.unsettled_soaks:

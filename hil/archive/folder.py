@@ -130,10 +130,7 @@ def _replaced(archive: Path, entry: str, campaign: Campaign, by_night: bool) -> 
 
 
 def read_entry(archive: Path, entry: str) -> tuple[dict[str, Any], Campaign, Mapping[str, Any]]:
-    """Return what archived.yaml says, the campaign, and a night's configuration (empty for a campaign's).
-
-    Raises `InputError` where a file is not what was written, or not there.
-    """
+    """Return archived.yaml, the campaign and the configuration (empty for a campaign's); `InputError` where damaged."""
     folder = archive / entry
     facts = parse_yaml(read_text(folder / ENTRY), str(folder / ENTRY))
     check_schema(facts, SCHEMA, str(folder / ENTRY))

@@ -253,10 +253,7 @@ def _control(y: FloatArray, sd: FloatArray, since: BoolArray, freedom: float) ->
 def _due(
     found: trends.Trend, months: FloatArray, asked: ParameterLimits | None, k: float, newest: Uncertain
 ) -> dict[str, Any]:
-    """Return in how many months its interval at `k` reaches a limit, and whether all of it, or the newest's, is beyond.
-
-    None where it never does, or where nobody knows.
-    """
+    """Return in how many months its interval at `k` reaches a limit, and whether it is beyond one; None if never."""
     if found.fit is None or asked is None or (asked.low is None and asked.high is None):
         return {"due_in_months": None, "beyond_limit": None}
     value, wide = trends.predicted(found.fit, months[-1] + _AHEAD_MONTHS, months, k)

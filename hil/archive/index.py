@@ -58,10 +58,7 @@ class Entry:
 
 
 def calibrations(entries: Sequence[Entry]) -> list[Entry]:
-    """Return those of a unit's entries, in the order of time, that count: of a night that was carried on, the fuller.
-
-    The order is that of `Index.entries`.
-    """
+    """Return the entries that count, in the order of `Index.entries`: of a night that was carried on, the fuller."""
     fullest = {each.night or each.name: each for each in entries}
     return [each for each in entries if fullest[each.night or each.name] is each]
 
@@ -149,10 +146,7 @@ class Index:
         return {digest: json.loads(text) for digest, text in rows}
 
     def behind(self, serial: str | None = None) -> list[str]:
-        """Return in words what is in the folders and not here, or here and not in the folders: it is not answered from.
-
-        Of one unit also what has changed since it was taken in.
-        """
+        """Return in words what is only in the folders, or only here; of one unit also what has changed since."""
         mine = {each.name: each.stamp for each in self.entries(serial)}
         found, closed = self._there(serial)
         there = set(found)

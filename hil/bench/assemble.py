@@ -131,10 +131,7 @@ def build_bench(
 
 @contextmanager
 def open_chamber(bench: Bench) -> Iterator[tuple[Chamber, Clock]]:
-    """Give the chamber of a bench, and its clock, and close it; the unit's port is left alone.
-
-    Raises `InputError` and `DeviceError` as `build_bench` does.
-    """
+    """Give a bench's chamber and clock, and close it. Raises `InputError` and `DeviceError` as `build_bench` does."""
     _check_port(bench, "chamber.port", bench.chamber.port)
     clock = clock_of(bench)
     with ExitStack() as opened:

@@ -131,10 +131,7 @@ def _fields_of(batch: FrameBatch, at: int) -> dict[str, Any]:
 
 
 def printed(values: FloatArray, field: FieldDescription) -> FloatArray:
-    """Return values, (n,), with the decimals that whole counts times a decimal scale can have.
-
-    57 counts of 0.01 are 0.57, which binary arithmetic makes 0.5700000000000001. Others are returned as they are.
-    """
+    """Return values, (n,), with the decimals that whole counts times a decimal scale can have: 0.57 for 57 of 0.01."""
     if not (field.type[0] in "ui" and field.type[1:].isdigit()):
         return values
     places = [-int(Decimal(repr(each)).normalize().as_tuple().exponent) for each in (field.scale, field.offset)]
@@ -219,10 +216,7 @@ def _warnings(description: StreamDescription) -> Iterator[str]:
 
 
 class CounterHabit:
-    """How the counter (or the clock) of one frame type really moves, to be held against its description.
-
-    `rate_hz` is at which frames come: as described, or better, as heard.
-    """
+    """How a frame type's counter (or clock) really moves; `rate_hz` is at which frames come: as described, or heard."""
 
     def __init__(self, name: str, frame: FrameDescription, rate_hz: float) -> None:
         self._name = name

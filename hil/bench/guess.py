@@ -49,10 +49,7 @@ Bytes = NDArray[np.uint8]
 
 
 def guess_file(path: Path) -> dict[str, Any]:
-    """Look at the beginning of a recording and return the document of `hil frames guess`.
-
-    Raise `InputError` where the file cannot be read or holds too little.
-    """
+    """Return the document of `hil frames guess`; `InputError` for a file that cannot be read or holds too little."""
     with opened(path) as file:
         data = file.read(_LOOK)
     if len(data) < 4 * _FEW:

@@ -30,10 +30,7 @@ _RUNTIME = Path("/run/lock")
 
 @contextmanager
 def bench_lock(bench: Bench, night: Path) -> Iterator[None]:
-    """Own every real port of a bench for the night in the folder `night`.
-
-    Raises `InputError` that names the owner where another controller, or a watchdog, has one of them.
-    """
+    """Own every real port of a bench for the night in the folder `night`; `InputError` names who has one of them."""
     refuse_without_locks()
     ports = {bench.chamber.port, *(each.imu.port for each in bench.each.values())}
     real = {name: port for port in ports if not port.startswith(SIMULATED_SCHEME) for name in port_names(port)}

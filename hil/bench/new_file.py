@@ -20,10 +20,7 @@ EXAMPLES |= {"unit": "stim300", "unit_port": "/dev/ttyUSB0", "latitude": "59.9 d
 
 
 def new_bench(name: str, given: Mapping[str, str]) -> str:
-    """Return the text of a bench file, with an example for each answer that is not given.
-
-    Raises `InputError` where it would be refused, in the words of that.
-    """
+    """Return a bench file's text, with examples for what is not given; `InputError` where it would be refused."""
     asked = EXAMPLES | {key: answer for key, answer in given.items() if answer}
     allowed = sorted(set(CHAMBER_DRIVERS) - {"box"})
     if asked["chamber"] not in allowed:

@@ -103,10 +103,7 @@ def addresses_of(reference: str) -> list[str]:
 
 
 def messenger_of(address: str) -> Any:
-    """Return apprise's messenger, or None where a plain POST of JSON will do.
-
-    Raises `InputError`, without the address, where neither can send to it.
-    """
+    """Return apprise's messenger, None where a POST will do; `InputError`, without the address, where neither can."""
     logging.getLogger("apprise").disabled = True  # it would print addresses
     try:
         import apprise

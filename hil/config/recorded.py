@@ -114,10 +114,7 @@ def lost_files(text: str, folder: Path) -> Iterator[str]:
 
 
 def recorded_limits(text: str) -> Limits | None:
-    """Return the limits of a night's unit, as the file was when the night began; None where none was named.
-
-    Raises `InputError` where this version does not understand them.
-    """
+    """Return a night's limits as they were at its beginning, None for none; `InputError` where not understood."""
     document = understood(text if "limits_file:" in text else "")
     return Limits.parse(document["limits"], document["limits_file"]) if "limits" in document else None
 

@@ -71,10 +71,7 @@ def planned(sweep: Sweep, bench: Bench) -> Plan:
 
 
 def limits_of(sweep: Sweep | None, bench: Bench) -> Limits | None:
-    """Return the limits that the sweep names, or else the bench, held against its sensors; None where neither does.
-
-    Raises `InputError` where there are none of this name, or they are not this unit's.
-    """
+    """Return the limits that sweep, or else bench, names, None for none; `InputError` if they are not this unit's."""
     named = sweep if sweep is not None and sweep.limits is not None else bench
     if named.limits is None:
         return None

@@ -70,10 +70,7 @@ class ImuSection(Section):
 
 
 def of_each(document: dict[str, Any]) -> dict[str, Any]:
-    """Return the bench of each unit of a file's list, by serial number: what is the unit's own laid over the rest.
-
-    Raises `ValueError` for a list that names no units, or two alike.
-    """
+    """Return each unit's bench by serial number, its own laid over the rest; `ValueError` for none, or two alike."""
     listed, rest = document["units"], {k: given for k, given in document.items() if k not in ("units", "faults")}
     if "unit" in rest:
         raise ValueError("unit: the bench lists its units; leave this out, or units")
@@ -127,10 +124,7 @@ def where_listed(mistake: str, entry: dict[str, Any], place: int) -> str:
 
 
 def build_orientations(given: Mapping[str, Any], axes: tuple[str, str, str]) -> dict[str, Orientation]:
-    """Return the orientation at each position: by signed axes, a matrix, or a rotation of another position's.
-
-    Raises `ValueError` naming the position that cannot be understood.
-    """
+    """Return the orientation at each position: axes, matrix, another's rotated; `ValueError` names what is wrong."""
     built: dict[str, Orientation] = {}
     for label, entry in given.items():
         if not (isinstance(entry, Mapping) and "from" in entry):

@@ -215,10 +215,7 @@ def _stamp(path: Path) -> tuple[int, int, int] | None:
 
 
 class ResultsSoFar:
-    """The results of one night, read again when it has got on; solved again when a self-calibration was finished.
-
-    The parameters are those of `hil solve`, by the same call.
-    """
+    """The results of one night, by the call of `hil solve`: solved again when a self-calibration was finished."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder

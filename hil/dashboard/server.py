@@ -131,10 +131,7 @@ def listen(host: str, port: int) -> socket.socket:
 
 
 def server(app: Guard) -> uvicorn.Server:
-    """Return what serves until SIGINT or SIGTERM: `server(app).run(sockets=[listener])`.
-
-    Open streams are then cut off; pages connect again to the next server.
-    """
+    """Return what serves until SIGINT or SIGTERM, then cuts off streams: `server(app).run(sockets=[listener])`."""
     settings = uvicorn.Config(
         app,
         http=_Connection,

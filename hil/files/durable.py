@@ -131,10 +131,7 @@ def is_new(folder: Path) -> bool:
 
 @contextlib.contextmanager
 def whole_or_nothing(target: Path) -> Iterator[Path]:
-    """Give a temporary folder on the same disk, which becomes `target` if nothing is raised, and vanishes otherwise.
-
-    Raises `InputError` where it cannot be made.
-    """
+    """Give a folder on the same disk that becomes `target` if nothing is raised; `InputError` where it cannot."""
     above = target.resolve().parent
     there = next(folder for folder in (above, *above.parents) if folder.exists())
     if not there.is_dir():

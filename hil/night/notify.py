@@ -42,10 +42,7 @@ Send = Callable[[str, str, str], None]
 
 
 def send(address: str, title: str, text: str) -> None:
-    """Send through apprise, or by a plain POST of JSON where apprise is absent, or is not needed.
-
-    Raises `InputError` where neither can or it was not delivered, and what a POST raises.
-    """
+    """Send by apprise, or a POST of JSON. Raises `InputError` where it cannot or did not, and what a POST raises."""
     messenger = messenger_of(address)
     if messenger is None:
         body = json.dumps({"title": title, "text": text}).encode()

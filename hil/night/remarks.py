@@ -41,10 +41,7 @@ class Remarks:
 
 
 def ask_serial(journal: SqliteJournal, live: LiveBench, attendant: Attendant) -> None:
-    """Have somebody type the serial number of a unit that does not tell it, unless it is known; before anything moves.
-
-    Raises `InterlockTripped` where nobody does.
-    """
+    """Have somebody type the serial number, unless it is known, before anything moves; else `InterlockTripped`."""
     if not live.bench.asks_serial or "serial" in journal.identity():
         return
     question = f"Type or scan the serial number of the unit ({live.bench.unit.model}): it does not tell its own."

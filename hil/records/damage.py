@@ -52,10 +52,7 @@ def lost_blocks(journal: JournalReader, *, read: bool) -> list[LostBlock]:
 
 
 def damaged_self_calibrations(journal: JournalReader) -> Mapping[int, str]:
-    """Return the self-calibrations with a DONE collect whose samples are not as they were written, and what is wrong.
-
-    Reads every block of samples once, and compares its hash.
-    """
+    """Return self-calibrations whose samples are not as written, and what is wrong; reads every block of samples."""
     steps, damaged = journal.steps_by_key(), dict[int, str]()
     for each in lost_blocks(journal, read=True):
         number = steps[each.step_key].self_calibration

@@ -124,10 +124,7 @@ def export_campaign(folder: Path | str, out: Path | str, form: Format | None = N
 
 
 def campaign_of_night(folder: Path | str) -> Campaign:
-    """Return the collects of a night as a campaign in memory.
-
-    Raises `InputError` as `export_campaign` does.
-    """
+    """Return the collects of a night as a campaign in memory; raises `InputError` as `export_campaign` does."""
     folder = Path(folder)
     with reading(folder) as journal:
         return _campaign(journal)

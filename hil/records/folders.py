@@ -22,10 +22,7 @@ _AT_ONCE = 8  # pieces of files that are read at once; memory holds two times as
 
 
 def pieces_in(folders: Sequence[Path]) -> list[tuple[str, int]]:
-    """Return what is read at once: campaigns and nights that folders are or hold (-1), pieces of files.
-
-    Each once, by name. Raises `InputError` where a folder or file is none, or no campaign is in it.
-    """
+    """Return what is read at once: campaigns and nights (-1), pieces of files; `InputError` for a folder of none."""
     found: list[tuple[str, int]] = []
     for folder in folders:
         if folder.suffix == ".parquet" and not folder.is_dir():

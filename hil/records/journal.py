@@ -80,10 +80,7 @@ class SqliteJournal(JournalReader):
 
     @classmethod
     def create(cls, folder: Path, plan: Plan, night: Night) -> None:
-        """Write a new journal with its plan into the existing `folder`; `open` it afterwards.
-
-        Raises `InputError` where there is a journal already, or where two steps of the plan have one key.
-        """
+        """Write a new journal into `folder`; `InputError` where there is one, or two steps of the plan have one key."""
         path = folder / JOURNAL_NAME
         if path.exists():
             raise InputError(f"{folder}: holds a night already; choose another folder, or resume it")
@@ -142,10 +139,7 @@ class SqliteJournal(JournalReader):
         return self._clock.now() + self._offset_s
 
     def begin(self, *steps: Step) -> Sequence[int]:
-        """Record that steps begin, at once; return the number of each one's attempt, 1 for the first.
-
-        Raises `ValueError` where one is DONE already, or is none of the plan.
-        """
+        """Record that steps begin, at once; return each one's attempt, from 1; `ValueError` if DONE, or not planned."""
         with self._transaction():
             attempts = [self._begin(step) for step in steps]
         for step, attempt in zip(steps, attempts, strict=True):

@@ -100,10 +100,7 @@ def signed(folder: Path, key: bytes) -> bool | None:
 
 
 def read_head(folder: Path) -> tuple[int, str] | None:
-    """Return number and link of the newest entry that is known to be durable; number 0 where the file is damaged.
-
-    None where there is none.
-    """
+    """Return number and link of the newest durable entry; number 0 where it is damaged, None where there is none."""
     path = folder / HEAD_NAME
     if not os.path.lexists(path):
         return None

@@ -293,10 +293,7 @@ def refuse_existing(folder: Path) -> None:
 
 
 def journal_of(folder: Path) -> Path:
-    """Return where the journal of a night is; raise `InputError` where there is no night.
-
-    `Damaged` where there was one, whose journal is gone or empty.
-    """
+    """Return where a night's journal is; `InputError` where there is no night, `Damaged` where it is gone or empty."""
     path = folder / JOURNAL_NAME
     if path.is_file() and path.stat().st_size:
         return path
@@ -316,10 +313,7 @@ def journal_of(folder: Path) -> Path:
 
 
 def open_readonly(folder: Path) -> JournalReader:
-    """Open the journal of a night, or of one of its units, to read it, whether or not a controller is writing.
-
-    Raises as `journal_of`, and `InputError` where it cannot be read.
-    """
+    """Open a night's or unit's journal to read it, also while it is written; raises as `journal_of`, `InputError`."""
     folder, unit = place_of(folder)
     path = journal_of(folder)
     uri = f"file:{quote(str(path.resolve()))}?mode=ro"

@@ -37,10 +37,7 @@ def night_of(folder: Path) -> Path:
 
 
 def writable(folder: Path) -> Path:
-    """Return the folder of a night or a unit; a unit's that was deleted is made again: the journal has what matters.
-
-    Raises `InputError` where nothing may be written into it.
-    """
+    """Return the folder of a night or a unit, made again where that was deleted; `InputError` where it is read-only."""
     if place_of(folder)[1]:
         with suppress(OSError):  # who writes in it says why not
             make_folders(RealDisk(), folder)

@@ -212,10 +212,7 @@ def parse_box(
     address: int | None = None,
     framing: str | None = None,
 ) -> BoxDescription:
-    """Read a description from YAML text, as one of its `variants`, with another terminator, address or framing.
-
-    `source` names it in messages. Raises `InputError` in a sentence.
-    """
+    """Read a description, as one of its `variants`, with another address; `InputError`, which begins with `source`."""
     document = parse_yaml(text, source)
     if variant is not None:
         document |= document.get("variants", {}).get(variant, {})

@@ -106,10 +106,7 @@ class VoetschAscii(Controller):
         self._exchange.command(f"{self._address}P0000", _acknowledged)
 
     def set_ramp_rate(self, degC_per_min: float) -> bool:
-        """Bound the first channel's gradient, up and down, in tenths of °C/min; `ProtocolError` unacknowledged.
-
-        False for less than a tenth.
-        """
+        """Bound the first channel's gradient, °C/min; False below a tenth, `ProtocolError` unacknowledged."""
         if degC_per_min < 0.1:
             return False
         rate = round(degC_per_min, 1)
