@@ -26,11 +26,8 @@ def _loop() -> asyncio.AbstractEventLoop:
 
 def awaited(awaitable: Awaitable[Any], timeout_s: float) -> Any:
     """Return what comes of it in the event loop of borrowed devices; `TimeoutError` where it takes longer."""
-
-    async def ended() -> Any:
-        return await asyncio.wait_for(awaitable, timeout_s)
-
-    return asyncio.run_coroutine_threadsafe(ended(), _loop()).result(timeout_s + 1.0)
+    ended = asyncio.wait_for(awaitable, timeout_s)
+    return asyncio.run_coroutine_threadsafe(ended, _loop()).result(timeout_s + 1.0)
 
 
 class Value:

@@ -1,5 +1,8 @@
 """What can go wrong, with a device or with what people give, in words for the person who stands in front of it."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 _SCREEN, _END = 1500, 300
 
 
@@ -46,3 +49,14 @@ class SetpointOutOfLimits(DeviceError):
 
 class SensorFault(DeviceError):
     """A reading that no working sensor can give: not a number, or outside what is physically possible."""
+
+
+@contextmanager
+def worded(
+    kind: type[Exception], begin: str, caught: type[Exception] | tuple[type[Exception], ...] = ValueError, end: str = ""
+) -> Iterator[None]:
+    """Raise what is `caught` as a `kind`, its words between `begin` and `end`: of an error of the system its reason."""
+    try:
+        yield
+    except caught as error:
+        raise kind(f"{begin}{getattr(error, 'strerror', None) or error}{end}") from error

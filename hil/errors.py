@@ -1,6 +1,7 @@
 """Bad input and usage, whose class stands with the ground of the drivers; and records that are damaged."""
 
 from drivers.errors import InputError as InputError
+from drivers.errors import worded as worded
 
 
 class Damaged(InputError):

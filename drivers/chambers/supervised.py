@@ -327,23 +327,18 @@ class SupervisedChamber:
         return actions
 
     def _set_safe_temperature(self, *, silent: bool) -> None:
-        setpoint = self._safe_setpoint()
+        setpoint = self._representable(self._asks.safe.temperature_degC or 0.0)  # what is held has one
         # On a line where every look is slow, what counts is the last; where native limits cannot be had, the setpoint.
         if silent or isinstance(_tried(lambda: self._settle_on(setpoint, looks=1)), DeviceError):
             self._write("setpoint", setpoint)
-
-    def _safe_setpoint(self) -> float:
-        if self._asks.safe.temperature_degC is None:
-            raise ValueError("this safe state holds no temperature")
-        return self._representable(self._asks.safe.temperature_degC)
 
     def _representable(self, setpoint_degC: float) -> float:
         return representable_setpoint(setpoint_degC, self.limits, self._controller.resolution_degC)
 
     def _insist_on_safe(self, *, looks: int) -> None:
         if self._asks.safe.action == "hold":
-            setpoint = self._state().setpoint
-            if not agrees(setpoint, self._safe_setpoint(), self._controller.resolution_degC):
+            setpoint, wanted = self._state().setpoint, self._representable(self._asks.safe.temperature_degC or 0.0)
+            if not agrees(setpoint, wanted, self._controller.resolution_degC):
                 raise ProtocolError(f"{self._device} has setpoint {setpoint:g} °C")
         modes = {"hold": ["CONSTANT"], "standby": ["STANDBY", "OFF"], "off": ["OFF"]}[self._asks.safe.action]
         self._confirm_mode(*modes, looks=looks)

@@ -28,7 +28,7 @@ from typing import Annotated, Any, Literal
 import yaml
 from pydantic import Discriminator, Field, Tag, field_validator
 
-from drivers.errors import InputError
+from drivers.errors import InputError, worded
 from drivers.frames.checksums import ChecksumDescription, PlainKind
 from drivers.frames.fields import (
     LONGEST,
@@ -176,10 +176,8 @@ class StreamDescription(Section):
     def _check(self) -> None:
         _check_headers(self)
         for name, frame in self.frames.items():
-            try:
+            with worded(ValueError, f"frames.{name}."):
                 _check_frame(self, frame)
-            except ValueError as error:
-                raise ValueError(f"frames.{name}.{error}") from None
         if self.roles is not None:
             frames = self.frames.items()
             bits = {name: {bit for bits in frame.status.values() for bit in bits} for name, frame in frames}
@@ -372,11 +370,6 @@ def _over(upper: dict[str, Any], lower: dict[str, Any]) -> dict[str, Any]:
     return {**lower, **upper, **both}
 
 
-def load_description(
-    path: Path | str,
-    *,
-    parameters: Mapping[str, object] | None = None,
-    sample_rate_hz: float | None = None,
-) -> StreamDescription:
-    """Read the description in a file as `parse_description` does; raise `InputError` where it cannot be used."""
-    return parse_description(read_text(path), str(path), parameters=parameters, sample_rate_hz=sample_rate_hz)
+def load_description(path: Path | str, **otherwise: Any) -> StreamDescription:
+    """Read a description, with what is `otherwise`, as `parse_description` does; `InputError` where it is of no use."""
+    return parse_description(read_text(path), str(path), **otherwise)

@@ -278,15 +278,19 @@ class FrameFamily:
         self.optional = b"" if self.description.text else description.optional_delimiter
         length = self.description.length
         self._told = length if isinstance(length, LengthDescription) else None
-        self._stream = description
+        self._stream, self._text = description, self.description.text
         self._layout_of = lru_cache(_MOST_FORMS)(self._layout)
         self.shortest_layout = self._layout_of(self.shortest)
 
     def _layout(self, length: int) -> FrameLayout:
+        if self._text is not None:
+            return TextLayout(self._stream, self.name, self._text, length)
         return FrameLayout(self._stream, self.name, length=length)
 
     def length_of(self, data: bytes, start: int) -> int | None:
         """Return the length of the frame at `start`: 0 where it is none, None where it is not told yet."""
+        if self._text is not None:
+            return self._text.length_of(data, start, len(self.headers[0]), self.delimiter)
         return self.shortest if self._told is None else self._told.of(data, start)
 
     def form(self, frame: bytes) -> FrameLayout | Flaw:
@@ -297,6 +301,8 @@ class FrameFamily:
 
     def alike(self, rows: Rows, layout: FrameLayout) -> NDArray[np.bool_]:
         """Tell which of n stretches as long as a good frame, the first, (n, length), are good frames of its form."""
+        if self._text is not None:  # lines are few, and looked at one by one
+            return np.asarray(np.arange(len(rows)) == 0)
         alike = layout.checksum.matches_rows(rows)
         if self.delimiter:
             ends = rows[:, rows.shape[1] - len(self.delimiter) :] == np.frombuffer(self.delimiter, np.uint8)
@@ -341,32 +347,10 @@ class ItemsFamily(FrameFamily):
         return FrameLayout(self._stream, self.name, length=length, fields=fields, offsets=offsets)
 
 
-class TextFamily(FrameFamily):
-    """Lines of text. They are few, and looked at one by one."""
-
-    def __init__(self, description: StreamDescription, name: str, text: TextDescription) -> None:
-        self._text = text
-        super().__init__(description, name)
-
-    def _layout(self, length: int) -> FrameLayout:
-        return TextLayout(self._stream, self.name, self._text, length)
-
-    def length_of(self, data: bytes, start: int) -> int | None:
-        return self._text.length_of(data, start, len(self.headers[0]), self.delimiter)
-
-    def alike(self, rows: Rows, layout: FrameLayout) -> NDArray[np.bool_]:
-        """Tell that the first of n stretches, (n, length), is a line: of the others nothing is looked at."""
-        return np.asarray(np.arange(len(rows)) == 0)
-
-
 def families_of(description: StreamDescription) -> list[FrameFamily]:
     """Return the frame types of a stream."""
-    families: list[FrameFamily] = []
-    for name, frame in description.frames.items():
-        if frame.text is not None:
-            families.append(TextFamily(description, name, frame.text))
-        elif frame.items is not None:
-            families.append(ItemsFamily(description, name, frame.items))
-        elif not frame.parts:
-            families.append(FrameFamily(description, name))
-    return families
+    return [
+        ItemsFamily(description, name, frame.items) if frame.items else FrameFamily(description, name)
+        for name, frame in description.frames.items()
+        if not frame.parts
+    ]

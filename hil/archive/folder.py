@@ -35,7 +35,7 @@ from hil.campaign import Campaign
 from hil.campaign.header import day_of
 from hil.campaign.reader import read_campaign
 from hil.campaign.writer import write_campaign
-from hil.errors import InputError
+from hil.errors import InputError, worded
 from hil.files.durable import PARTIAL, RealDisk, is_new, make_folders, whole_or_nothing, write_durably
 from hil.files.strict import parse_yaml, read_text
 from hil.model.effects.history import joined
@@ -138,11 +138,10 @@ def read_entry(archive: Path, entry: str) -> tuple[dict[str, Any], Campaign, Map
         raise InputError(f"{folder / ENTRY}, key sha256: it is missing, or no mapping")
     if folder_of(str(facts.get("serial"))) != folder.parent.name:
         raise InputError(f"{folder / ENTRY}: it is of unit {facts.get('serial')}, and stands in another unit's folder")
-    try:
+    when = f"{folder / ENTRY}: when it was measured cannot be read ("
+    with worded(InputError, when, (KeyError, TypeError, ValueError), ")"):
         began, ended = (datetime.fromisoformat(str(facts[key])) for key in ("began_utc", "ended_utc"))
         _ = ended - began
-    except (KeyError, TypeError, ValueError) as error:
-        raise InputError(f"{folder / ENTRY}: when it was measured cannot be read ({error})") from None
     if not {*HASHED[:2]} <= hashes.keys() or not isinstance(facts.get("night"), dict | None):
         raise InputError(f"{folder / ENTRY}: is not whole")
     for name, digest in hashes.items():
@@ -264,11 +263,9 @@ def found_archive(archive: Path, *, new: bool = False) -> None:
     empty = is_new(archive) or (archive.is_dir() and list(archive.iterdir()) == [unfinished])
     if not empty and (new or not archive.is_dir() or not found(archive)[0]):
         check_archive(archive)
-    try:
+    with worded(InputError, f"{archive}: cannot be made (", OSError, ")"):
         make_folders(RealDisk(), archive)
         write_durably(RealDisk(), archive / MARK, _MARK_TEXT.encode())
-    except OSError as error:
-        raise InputError(f"{archive}: cannot be made ({error.strerror})") from None
 
 
 def _sha256(path: Path) -> str:

@@ -114,12 +114,8 @@ def _next(
     found = [(of["due_in_months"], p, of) for p in parameters for of in p["temperatures"]]
     due = [each for each in found if each[0] is not None]
     if not due:
-        return (
-            None,
-            "no parameter reaches a limit within ten years"
-            if judged
-            else "it takes three calibrations that tell something",
-        )
+        none = "no parameter reaches a limit within ten years"
+        return None, none if judged else "it takes three calibrations that tell something"
     out = [each for each in due if each[2]["beyond_limit"]]  # what surely is comes before what may be
     months, parameter, of = min(out or due, key=lambda each: each[0])
     day = (datetime.fromisoformat(newest_utc) + timedelta(seconds=months * _MONTH_S)).date().isoformat()
@@ -134,11 +130,8 @@ def _told(good: Sequence[Entry]) -> Iterator[str]:
     """Yield what is odd about a unit's entries: two nights at one time, nights that are not where they were."""
     for one, other in pairwise(good):
         if one.night and other.night and one.night != other.night and other.began_utc < one.ended_utc:
-            why = (
-                "clocks of simulated nights begin alike, and nothing is told by time"
-                if one.simulated
-                else "two units with one serial number, or one clock is wrong"
-            )
+            why = "two units with one serial number, or one clock is wrong"
+            why = "clocks of simulated nights begin alike, and nothing is told by time" if one.simulated else why
             yield f"{one.name} and {other.name} were measured at the same time: {why}"
     yield from (
         f"{each.name}: what it was taken up from is not at {each.whence} any more; what was averaged of it is here"

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
 from hil.archive.places import INDEX_NAME, check_archive, found, stamp
-from hil.errors import InputError
+from hil.errors import InputError, worded
 
 if TYPE_CHECKING:  # a list of units loads no arithmetic
     from hil.solve.uncertain import Uncertain
@@ -183,7 +183,7 @@ def connected(path: Path, *, new: bool) -> Iterator[sqlite3.Connection]:
     again = f"hil archive {path.parent} --rebuild makes it from the folders"
     if not new and not path.is_file():
         raise InputError(f"{path}: there is no index; {again}")
-    try:
+    with worded(InputError, f"{path}: cannot be read or written (", sqlite3.Error, f"); {again}"):
         uri = f"file:{quote(str(path.resolve()))}?mode={'rwc' if new else 'ro'}"
         with contextlib.closing(sqlite3.connect(uri, uri=True, isolation_level=None, timeout=_BUSY_S)) as connection:
             connection.execute("PRAGMA foreign_keys = ON")
@@ -197,5 +197,3 @@ def connected(path: Path, *, new: bool) -> Iterator[sqlite3.Connection]:
                 raise InputError(f"{path}: is no index of this version; {again}")
             connection.execute("COMMIT")
             yield connection
-    except sqlite3.Error as error:
-        raise InputError(f"{path}: cannot be read or written ({error}); {again}") from None

@@ -36,7 +36,7 @@ from hil.bench.lock import port_lock
 from hil.config.bench import Bench
 from hil.config.ports import COM_PORT, OWN_SCHEME, SIMULATED_SCHEME, unit_port
 from hil.config.unit import ASK
-from hil.errors import InputError
+from hil.errors import InputError, worded
 from hil.twin.devices import SimulatedBench, simulate_devices
 from hil.twin.faults import FaultInjector
 from hil.twin.motion import FROM_THE_START, Resumed
@@ -255,11 +255,9 @@ def _chamber(ports: _Ports, *, night: bool) -> Chamber:
         description=bench.chamber_description,
         **section.spoken,
     )
-    try:
+    with worded(InputError, f"{bench.source or bench.name}: chamber: "):
         chamber = CHAMBER_DRIVERS[section.driver].build(port, clock, options)
         return chamber if section.ramp is None else RampedChamber(chamber, clock, degC_per_min=section.ramp)
-    except ValueError as error:
-        raise InputError(f"{bench.source or bench.name}: chamber: {error}") from error
 
 
 def _imu(name: str, bench: Bench, ports: _Ports) -> StreamImu:

@@ -52,11 +52,9 @@ _TYPES = {"fp12.20": "12.20 fixed point", "fp16.32": "16.32 fixed point", "item"
 _TYPES |= {"f16": "half precision", "f32": "single precision", "f64": "double precision"}
 
 
-def load_frames_named(
-    name: str | Path, *, parameters: Mapping[str, object] | None = None, sample_rate_hz: float | None = None
-) -> StreamDescription:
-    """Load a description by the name of one that ships, or by its path; raise `InputError` where it cannot be used."""
-    return load_description(find_config("imus", name), parameters=parameters, sample_rate_hz=sample_rate_hz)
+def load_frames_named(name: str | Path, **otherwise: Any) -> StreamDescription:
+    """Load a description (see `load_description`) by name or path; raise `InputError` where it cannot be used."""
+    return load_description(find_config("imus", name), **otherwise)
 
 
 def decode_file(path: Path, description: StreamDescription, *, out: Path | None = None) -> dict[str, Any]:

@@ -57,6 +57,7 @@ def guess_file(path: Path) -> dict[str, Any]:
     printable = sum(32 <= byte < 127 or byte in b"\t\r\n" for byte in data) / len(data)
     fits = sorted(that_read(data, least=0.05), reverse=True)
     found = _lines(data) if printable > _MOST else _frames(np.frombuffer(data, np.uint8))
+    stream = found.pop("stream", None)
     head: dict[str, Any] = {"schema": "hil.frames/1", "name": path.stem, "verified": "by nothing: guessed"}
     head |= {"sample_rate_hz": 100, "byte_order": "little"}
     return {
@@ -64,10 +65,8 @@ def guess_file(path: Path) -> dict[str, Any]:
         "file": str(path),
         "bytes": len(data),
         "fits": [{"description": name, "share": share, "frames": ok} for share, ok, name in fits],
-        **{key: value for key, value in found.items() if key != "stream"},
-        "description": yaml.safe_dump(head | found["stream"], sort_keys=False).replace(*_RATE)
-        if "stream" in found
-        else None,
+        **found,
+        "description": yaml.safe_dump(head | stream, sort_keys=False).replace(*_RATE) if stream else None,
     }
 
 

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from drivers.chambers import CHAMBER_DRIVERS
 from drivers.frames.description import StreamDescription, load_description
 from hil.config.bench import parse_bench
-from hil.errors import InputError
+from hil.errors import InputError, worded
 from hil.files.page import filled
 from hil.files.strict import find_config, near
 from hil.files.units import TEMPERATURE, to_number
@@ -48,11 +48,9 @@ def _limits(text: str) -> list[float]:
     unit = re.sub(r"[-+.\d\s]", "", high)
     if not (to and unit):
         raise InputError(f"limits: {text!r} is not a range with its unit; write -40 to 85 degC")
-    try:
-        typed = [each if re.search(r"[a-zA-Z]", each) else f"{each} {unit}" for each in (low, high)]
+    typed = [each if re.search(r"[a-zA-Z]", each) else f"{each} {unit}" for each in (low, high)]
+    with worded(InputError, "limits: "):
         return [round(to_number(each, TEMPERATURE), 3) for each in typed]
-    except ValueError as error:
-        raise InputError(f"limits: {error}") from None
 
 
 def _triads(description: StreamDescription, unit: str) -> dict[int, dict[str, str]]:

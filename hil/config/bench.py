@@ -33,7 +33,7 @@ from hil.config.sections import settings_of
 from hil.config.simulation import Fault, SimulationSection
 from hil.config.site import SiteSection, UncertaintySection
 from hil.config.unit import ASK, ImuSection, UnitSection, build_orientations, labels, of_each, where_listed
-from hil.errors import InputError
+from hil.errors import InputError, worded
 from hil.files.strict import NAME, Section, WholeFile, find_config, near, parse_yaml, validated_inside
 from hil.files.units import DegreesPerHour, Seconds
 from hil.model.earth import Site
@@ -267,10 +267,8 @@ class Bench(WholeFile):
 
     def _named_file(self, kind: str, key: str, name: str) -> Path:
         beside = Path(self._source).parent if self._source else None
-        try:
+        with worded(InputError, f"{self._source or self.name}: {key}: ", InputError):
             return find_config(kind, name, beside)
-        except InputError as error:
-            raise InputError(f"{self._source or self.name}: {key}: {error}") from error
 
 
 parse_bench, load_bench = Bench.parse, Bench.load

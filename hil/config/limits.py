@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, SkipValidation
 
 from hil.campaign import Sensor
-from hil.errors import InputError
+from hil.errors import InputError, worded
 from hil.files.strict import Section, WholeFile, near, validated_inside
 from hil.files.units import RATE, RATE_PER_G, to_number
 from hil.model.forms import parameter_names
@@ -46,10 +46,8 @@ def _parameter(name: str, given: object) -> ParameterLimits:
     if isinstance(given, dict):
         plain = dict(given)
         for key in given.keys() & ParameterLimits.model_fields.keys():
-            try:
+            with worded(ValueError, f"{key}: "):
                 plain[key] = to_number(given[key], kind)
-            except ValueError as error:
-                raise ValueError(f"{key}: {error}") from None
     return validated_inside(ParameterLimits, plain)
 
 
@@ -60,10 +58,8 @@ def _by_parameter(given: object) -> object:
         if not isinstance(of, dict) or not of:
             raise ValueError(f"sensor {number}: must be a mapping from parameters, such as BA, to their limits")
         for name, limits in of.items():
-            try:
+            with worded(ValueError, f"sensor {number}, {name}: "):
                 found.setdefault(number, {})[str(name)] = _parameter(str(name), limits)
-            except ValueError as error:
-                raise ValueError(f"sensor {number}, {name}: {error}") from None
     return found or given
 
 

@@ -12,7 +12,7 @@ from pydantic import BeforeValidator, Field
 from hil.config.bench import Bench
 from hil.config.limits import Limits, load_limits
 from hil.config.sections import settings_of
-from hil.errors import InputError
+from hil.errors import InputError, worded
 from hil.files.strict import WholeFile, near
 from hil.files.units import Celsius, CelsiusPerMinute
 from hil.model import fitting
@@ -75,12 +75,10 @@ def limits_of(sweep: Sweep | None, bench: Bench) -> Limits | None:
     named = sweep if sweep is not None and sweep.limits is not None else bench
     if named.limits is None:
         return None
-    try:
+    with worded(InputError, f"{named.source}: limits: ", InputError):
         limits = load_limits(named.limits, Path(named.source).parent)
         for each in bench.each.values():
             limits.check({number: each.sensor(number) for number in each.sensors}, each.unit.model)
-    except InputError as error:
-        raise InputError(f"{named.source}: limits: {error}") from error
     return limits
 
 

@@ -15,6 +15,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, PositiveInt
 from drivers.outside import brought
 from hil.campaign import FloatArray
 from hil.config.ports import SIMULATED_SCHEME, ImuPort
+from hil.errors import worded
 from hil.files.strict import NAME, Section, near
 from hil.files.units import ANGLE, Hertz, to_number
 from hil.model.equation import Orientation
@@ -176,10 +177,8 @@ def _rotated(label: str, entry: Mapping[str, Any], known: Mapping[str, Orientati
         )
     if str(entry["about"]) not in {"1", "2", "3"}:
         raise ValueError(f"orientations.{label}.about: {entry['about']!r} is not a bench axis; allowed: 1, 2, 3")
-    try:
+    with worded(ValueError, f"orientations.{label}.rotate: "):
         angle_deg = to_number(entry["rotate"], ANGLE)
-    except ValueError as error:
-        raise ValueError(f"orientations.{label}.rotate: {error}") from error
     axis = np.eye(3)[int(str(entry["about"])) - 1]
     from scipy.spatial.transform import Rotation  # imported late: it is slow, and few benches need it
 

@@ -18,7 +18,7 @@ from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from drivers.given_file import read_text
-from hil.errors import InputError
+from hil.errors import InputError, worded
 
 LEAST_TOKEN = 12
 _ALPHABET = "abcdefghjkmnpqrstuvwxyz23456789"  # nothing that is mistaken for something else when it is typed
@@ -48,13 +48,11 @@ def token_from(path: Path) -> str:
 
     Raises `InputError` where the file cannot be read or made, or its token is too short to be one.
     """
-    try:
+    with worded(InputError, f"{path}: the token cannot be kept (", OSError, ")"):
         if not path.exists():
             path.touch(mode=0o600, exist_ok=False)
             path.write_text(new_token() + "\n", encoding="utf-8")
         token = read_text(path).strip()
-    except OSError as error:
-        raise InputError(f"{path}: the token cannot be kept ({error.strerror})") from error
     if len(token) < LEAST_TOKEN or not token.isascii():
         raise InputError(f"{path}: a token has at least {LEAST_TOKEN} characters, all of them ASCII; delete the file")
     return token

@@ -14,7 +14,7 @@ import sqlite3
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from hil.errors import InputError
+from hil.errors import InputError, worded
 from hil.files.lock import process_start
 
 PARTIAL = ".partial-"
@@ -64,10 +64,8 @@ def write_durably(disk: RealDisk, path: Path, data: bytes) -> None:
 
 def write_result(path: Path, data: bytes | str) -> None:
     """Write a file that somebody asked for as `write_durably` does; raise `InputError` where it cannot be written."""
-    try:
+    with worded(InputError, f"{path}: cannot be written: ", OSError):
         write_durably(RealDisk(), path, data.encode() if isinstance(data, str) else data)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
 
 
 def check_new(path: Path) -> None:
@@ -164,13 +162,12 @@ def whole_file(target: Path) -> Iterator[Path]:
     partial = target.with_name(f"{PARTIAL}{target.name}-{os.getpid()}")
     _clear_away(target.parent, target.name)
     try:
-        yield partial
-        with partial.open("rb+") as file:
-            os.fsync(file.fileno())
-        RealDisk().rename(partial, target)
-        RealDisk().synchronise_folder(target.parent)
-    except OSError as error:
-        raise InputError(f"{target}: cannot be made ({error.strerror or error})") from error
+        with worded(InputError, f"{target}: cannot be made (", OSError, ")"):
+            yield partial
+            with partial.open("rb+") as file:
+                os.fsync(file.fileno())
+            RealDisk().rename(partial, target)
+            RealDisk().synchronise_folder(target.parent)
     finally:
         with contextlib.suppress(OSError):
             partial.unlink(missing_ok=True)

@@ -17,7 +17,7 @@ from typing import Self
 
 from drivers.clock import SystemClock
 from drivers.given_file import read_text
-from hil.errors import InputError
+from hil.errors import InputError, worded
 
 try:
     import fcntl
@@ -101,7 +101,7 @@ class LockFile:
         return self
 
     def _open(self) -> int:
-        try:
+        with worded(InputError, f"{self._path}: the lock file cannot be used (", OSError, ")"):
             with contextlib.suppress(FileNotFoundError):
                 # Without O_CREAT first: with it, the kernel refuses somebody else's file in a folder such as /run/lock.
                 return os.open(self._path, os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW)
@@ -109,8 +109,6 @@ class LockFile:
             with contextlib.suppress(PermissionError):  # somebody else made it in the same instant
                 os.fchmod(descriptor, self._mode)
             return descriptor
-        except OSError as error:
-            raise InputError(f"{self._path}: the lock file cannot be used ({error.strerror})") from error
 
     def _lock(self, descriptor: int) -> None:
         # Somebody who only looks (`living_owner`) holds the lock for an instant; a controller holds it for a night.

@@ -13,7 +13,7 @@ from pathlib import Path
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markdown_it import MarkdownIt
 
-from hil.errors import InputError
+from hil.errors import InputError, worded
 from hil.files.strict import near
 
 INDEX = "index"
@@ -54,7 +54,7 @@ def write_site(folder: Path, more: Mapping[str, str]) -> None:
     template = Environment(
         loader=PackageLoader("hil.files", "."), autoescape=True, undefined=StrictUndefined
     ).get_template("manual.html.j2")
-    try:
+    with worded(InputError, f"{folder}: cannot be written: ", OSError):
         found = []
         for name, path in manual().items():
             there = path.relative_to(above)
@@ -71,8 +71,6 @@ def write_site(folder: Path, more: Mapping[str, str]) -> None:
         (folder / "search.js").write_text(f"const PAGES = {json.dumps(found)};\n{_SEARCH.read_text('utf-8')}", "utf-8")
         for kind in ("images", "notebooks"):
             shutil.copytree(above / kind, folder / kind, dirs_exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be written: {error.strerror or error}") from None
 
 
 def _with_anchor(heading: re.Match[str]) -> str:

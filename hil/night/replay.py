@@ -33,7 +33,7 @@ from hil.config.recorded import configuration_of
 from hil.errors import Damaged, InputError
 from hil.records import reading
 from hil.records.blocks import RAW, SAMPLES, Block, DamagedBlock, Samples, read_raw, read_samples
-from procedures.collect import reduce_collect
+from procedures.collect import join, reduce_collect
 from procedures.plan import StepKind
 from procedures.settings import CollectSettings
 from procedures.words import counted
@@ -102,27 +102,18 @@ class _Stream:
     def __init__(self, bench: Bench, settings: CollectSettings) -> None:
         if (description := bench.frames).roles is None:
             raise InputError(f"{description.name}: roles: missing, so that no field is known to be a rate")
-        self.description, self.frame, self.settings, clock = (
-            description,
-            description.roles.frame,
-            settings,
-            VirtualClock(),
-        )
+        self.description, self.frame = description, description.roles.frame
+        self.settings, clock = settings, VirtualClock()
         port = ClosedPort(bench.imu.port, clock, TransportError("a replay has no port"))
         self.imu = StreamImu(port, description, clock)  # for what it says about its fields
 
-    def decode(self, raw: bytes, expected: int) -> dict[str, FloatArray]:
+    def decode(self, raw: bytes, expected: int) -> Mapping[str, FloatArray]:
         """Return the columns of the frames in a collect's bytes, which begin where the decoder was reset."""
         decoder = StreamDecoder(self.description)
         batches = [decoder.feed(raw)[self.frame]]
         if len(batches[0]) < expected:
             batches.append(decoder.finish()[self.frame])  # the stream paused, and the driver waited no longer
-        filled = [batch for batch in batches if len(batch)]
-        names = dict.fromkeys(name for batch in filled for name in batch.columns)
-        return {
-            name: np.concatenate([batch.columns.get(name, np.full(len(batch), np.nan)) for batch in filled])
-            for name in names
-        }
+        return join(SampleBlock(batch.starts.astype(np.float64), batch.columns) for batch in batches).fields
 
     def reduce(self, time_s: FloatArray, columns: Mapping[str, FloatArray], data: Mapping[str, Any]) -> dict[str, Any]:
         """Return the data of the collect, as the bench computes it."""

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from drivers.given_file import opened
 from drivers.imu import SampleBlock
 from drivers.imu.samples import FloatArray
-from hil.errors import Damaged, InputError
+from hil.errors import Damaged, InputError, worded
 from hil.files.durable import RealDisk, remove_partials, write_durably
 from procedures.plan import Step
 
@@ -198,12 +198,10 @@ def checked_bytes(folder: Path, block: Block) -> bytes:
 def read_samples(folder: Path, block: Block) -> Samples:
     """Return the samples of a SAMPLES block; raise `DamagedBlock` unless the file is exactly what was written."""
     data = checked_bytes(folder, block)
-    try:
-        # No threads for one small block: Arrow's pools, still alive when a short command exits, now and then abort it.
-        with pq.ParquetFile(pa.BufferReader(data), pre_buffer=False) as file:
-            table = file.read(use_threads=False)
-    except (pa.ArrowException, OSError) as error:
-        raise DamagedBlock(f"{block.path}: is not readable as Parquet ({error})") from None
+    wrong = worded(DamagedBlock, f"{block.path}: is not readable as Parquet (", (pa.ArrowException, OSError), ")")
+    # No threads for one small block: Arrow's pools, still alive when a short command exits, now and then abort it.
+    with wrong, pq.ParquetFile(pa.BufferReader(data), pre_buffer=False) as file:
+        table = file.read(use_threads=False)
     if table.num_rows != block.rows:
         raise DamagedBlock(f"{block.path}: holds {table.num_rows} samples, the journal says {block.rows}")
     columns = {name: table.column(name).to_numpy() for name in table.column_names}
@@ -217,11 +215,9 @@ def read_samples(folder: Path, block: Block) -> Samples:
 def read_raw(folder: Path, block: Block) -> bytes:
     """Return the bytes as they arrived; raise `DamagedBlock` unless they are exactly what was written."""
     data = checked_bytes(folder, block)
-    try:
-        with pa.CompressedInputStream(pa.BufferReader(data), "zstd") as stream:
-            raw = bytes(stream.read())
-    except (pa.ArrowException, OSError) as error:
-        raise DamagedBlock(f"{block.path}: cannot be decompressed ({error})") from None
+    wrong = worded(DamagedBlock, f"{block.path}: cannot be decompressed (", (pa.ArrowException, OSError), ")")
+    with wrong, pa.CompressedInputStream(pa.BufferReader(data), "zstd") as stream:
+        raw = bytes(stream.read())
     if len(raw) != block.rows or _sha256(raw) != block.content_sha256:
         raise DamagedBlock(f"{block.path}: does not decompress to the bytes that arrived")
     return raw

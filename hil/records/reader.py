@@ -13,7 +13,7 @@ import os
 import sqlite3
 import threading
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from dataclasses import fields, replace
 from datetime import datetime
 from functools import cached_property
@@ -23,7 +23,7 @@ from typing import Self, TypeVar
 from urllib.parse import quote
 
 from drivers.given_file import check_folder
-from hil.errors import Damaged, InputError
+from hil.errors import Damaged, InputError, worded
 from hil.files.durable import is_new
 from hil.files.lock import Owner, living_owner
 from hil.records import schema as journal_schema
@@ -128,12 +128,12 @@ class JournalReader:
         with self._understood("the plan"):
             return Plan(self.night.title, tuple(step_of(row) for row in rows))
 
-    @contextmanager
-    def _understood(self, what: str) -> Iterator[None]:
-        try:
-            yield
-        except (ValueError, TypeError, KeyError) as error:  # somebody has edited it
-            raise Damaged(f"{self.folder / JOURNAL_NAME}: {what} cannot be understood ({error})") from None
+    def _understood(self, what: str) -> AbstractContextManager[None, bool | None]:
+        begin, edited = (
+            f"{self.folder / JOURNAL_NAME}: {what} cannot be understood (",
+            (ValueError, TypeError, KeyError),
+        )
+        return worded(Damaged, begin, edited, ")")
 
     def steps_by_key(self) -> Mapping[str, Step]:
         """Return the plan's steps by their key."""
@@ -319,10 +319,8 @@ def open_readonly(folder: Path) -> JournalReader:
     uri = f"file:{quote(str(path.resolve()))}?mode=ro"
     if not os.access(folder, os.W_OK) and not path.with_name(f"{JOURNAL_NAME}-wal").exists():
         uri += "&immutable=1"  # an archived night on a read-only medium: nobody can be writing
-    try:
+    with worded(InputError, f"{path}: cannot be opened (", sqlite3.Error, ")"):
         connection = sqlite3.connect(uri, uri=True, isolation_level=None, timeout=_BUSY_S)
-    except sqlite3.Error as error:
-        raise InputError(f"{path}: cannot be opened ({error})") from None
     try:
         journal_schema.check(connection, path)
     except BaseException:

@@ -17,7 +17,7 @@ import sqlite3
 from pathlib import Path
 
 from drivers.clock import SystemClock
-from hil.errors import InputError
+from hil.errors import InputError, worded
 from hil.files.lock import living_owner
 from hil.files.strict import one_line
 from hil.records.ledger import Ledger
@@ -39,7 +39,7 @@ def request(folder: Path, kind: RequestKind, who: str, why: str = "", *, prompt:
     _require_controller(folder, kind)
     why = one_line("the reason or answer", why)
     path = folder / JOURNAL_NAME
-    try:
+    with worded(InputError, f"{path}: the request cannot be recorded (", sqlite3.Error, "); nothing was asked"):
         connection = sqlite3.connect(path, isolation_level=None, timeout=_BUSY_S)
         with contextlib.closing(connection):
             connection.execute("PRAGMA synchronous = FULL")
@@ -51,8 +51,6 @@ def request(folder: Path, kind: RequestKind, who: str, why: str = "", *, prompt:
                     (kind.value, who, why, prompt, SystemClock().utc().isoformat()),
                 )
             return int(row.lastrowid or 0)
-    except sqlite3.Error as error:
-        raise InputError(f"{path}: the request cannot be recorded ({error}); nothing was asked") from error
 
 
 def wait_for_answer(folder: Path, number: int, timeout_s: float) -> RequestRow:

@@ -11,7 +11,7 @@ from drivers.simulators.chambers.plant import ChamberPlant
 from drivers.simulators.unit import IndexSettings, SimulatedImu
 from hil.config.bench import Bench
 from hil.config.unit import ASK
-from hil.errors import InputError
+from hil.errors import InputError, worded
 from hil.model import fitting
 from hil.twin.motion import FROM_THE_START, Resumed
 from hil.twin.sensor import simulation_of
@@ -69,10 +69,8 @@ def simulate_devices(bench: Bench, *, begins_s: float, resumed: Resumed = FROM_T
         faults=settings.chamber_faults,
         begins_s=begins_s,
     )
-    try:
+    with worded(InputError, f"{bench.source or bench.name}: the simulated chamber: "):
         chamber = CHAMBER_SIMULATORS[bench.chamber.driver](plant, options)
-    except ValueError as error:
-        raise InputError(f"{bench.source or bench.name}: the simulated chamber: {error}") from error
     return SimulatedBench(imus, chamber, units, plant)
 
 

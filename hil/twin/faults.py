@@ -91,17 +91,15 @@ class FaultInjector(Progress):
 
         return turn
 
-    def step_began(self, step: Step, attempt: int) -> None:
+    def step_began(self, step: Step, attempt: int) -> None:  # noqa: ARG002 - an onlooker's
         """Let happen what waits for this step, once; not when it is done again."""
-        del attempt
         for fault in [each for each in self._waiting if each.at in (step.key, step.stage)]:
             self._waiting.remove(fault)
             self._let_happen(fault, self._clock.now())
         self._kill_if_due()
 
-    def update(self, snapshot: Snapshot) -> None:
+    def update(self, snapshot: Snapshot) -> None:  # noqa: ARG002 - an onlooker's
         """Kill the controller once that is due."""
-        del snapshot
         self._kill_if_due()
 
     def _kill_if_due(self) -> None:

@@ -22,7 +22,7 @@ from drivers.simulators import SimulatedDevice
 from drivers.simulators.serve import DeviceServer
 from hil.config.bench import Bench
 from hil.config.ports import SIMULATED_SCHEME, unit_port
-from hil.errors import InputError
+from hil.errors import InputError, worded
 from hil.twin.devices import SimulatedBench, simulate_devices
 from hil.twin.faults import FaultInjector
 
@@ -75,11 +75,9 @@ def serving(bench: Bench, *, tcp: bool) -> Iterator[tuple[DeviceServer, Simulati
     there: list[SimulatedDevice] = [*devices.imus.values(), devices.chamber]
     host, tcp_ports = _tcp_ports(bench, wanted, tcp=tcp)
     with ExitStack() as stack:
-        try:
+        where = ", ".join(port for _, port in wanted.values())
+        with worded(InputError, f"{bench.source}: {where} cannot be served: ", OSError):
             server = DeviceServer(dict(zip(wanted, there, strict=True)), clock, tcp_ports=tcp_ports, host=host)
-        except OSError as error:
-            where = ", ".join(port for _, port in wanted.values())
-            raise InputError(f"{bench.source}: {where} cannot be served: {error.strerror or error}") from error
         stack.callback(server.close)
         ports = dict(server.urls)
         for device, (key, port) in wanted.items():
