@@ -1,8 +1,5 @@
 """The one door for files that people give: what comes through it is a regular file, of a size that can be dealt with.
 
-    text = read_text(Path("bench.yaml"))           # a few MB at most
-    with opened(Path("static.bin")) as file: ...   # of any length, for who reads piece by piece
-
 A pipe or a device may have no end, or never a beginning, and opening a serial port moves its lines. So whatever is no
 file is refused before it is opened. Nothing else in the program opens what somebody else may have written.
 """

@@ -2,9 +2,6 @@
 
 And libraries that only some need: loaded where they are used, and a sentence where they are absent.
 
-    BRINGS = Catalogue("hil.chambers", {"espec": ESPEC}, described)
-    BRINGS["acme-oven"]               # what a distribution names in its [project.entry-points."hil.chambers"]
-
 Names are known without loading anything: what is broken is told to who asks for it, and to nobody else.
 """
 

@@ -1,7 +1,5 @@
 """YAML as people write it by hand: read strictly, and what is wrong with it in plain words.
 
-    first_mistake(error, document)  # "frames.sample.checksum.width: must be at least 8, not 4"
-
 The loader is the safe one, which in addition refuses a key that is given twice. No word of the library that found a
 mistake is shown, and no key that only the program knows.
 """

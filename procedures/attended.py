@@ -1,8 +1,5 @@
 """Questions to people while the bench is being looked at: place the unit, confirm the position.
 
-    attendant = Attendant(terminal)              # given to the positioner that asks
-    Sequencer(plan, watch, attendant=attendant)
-
 Every poll goes on while a question stands: interlocks, the sign of life, a stop, a pause and an abort work as ever. The
 question stands in the journal, so that it can be answered from another shell or a dashboard as well as on the terminal.
 """

@@ -1,8 +1,5 @@
 """How the unit lies, by its own accelerometers, against how it should lie: and if not so, how it looks instead.
 
-    table = PoseTable(sensors, poses, PoseTolerance())
-    table.contradiction("3", {2: {"A": 1.0, "B": 0.0}})   # "position 3 was asked for, but the unit lies as in …"
-
 At rest an accelerometer shows the component of f along its axis (the acceleration reaction G of RD-GC-86-1, +1 g along
 the axis that is up). What is measured (m), what the orientation table and the site give (e), and how far they may be
 apart are arrays; a cause is something that turns e into what would be measured if it were so. The first cause under

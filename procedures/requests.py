@@ -1,9 +1,5 @@
 """What people ask of a running sweep: to pause, to go on, to end, and the answers to its own questions.
 
-    desk = Desk(control, stop, record=watch.event)
-    desk.hear(takes_effect="at once")      # at every poll
-    desk.pause                             # who asked for one, or None
-
 `Control` is where requests come from; the durable one is in `hil.records.requests`. A request is answered once, by the
 controller that it was meant for: accepted, or refused with the reason.
 """

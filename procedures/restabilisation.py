@@ -1,9 +1,5 @@
 """Waiting for evidence that the unit is in thermal equilibrium. Time alone is not evidence, and air is not the unit.
 
-    gate = RestabilisationGate(settings, thermometers=[2])
-    gate.look(time_s, air_degC, setpoint_degC, {2: 23.41})
-    gate.decision.met, gate.decision.waiting_for
-
 The criteria are the scheduled time, the chamber's band and slope, and the span and slope of the unit's own sensors;
 all at once, held over the whole window. Leaving the band restarts the window; leaving it for longer than the excursion
 time restarts the soak too, because the unit has then begun to follow. A ceiling ends the wait whatever the evidence.

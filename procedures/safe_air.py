@@ -1,8 +1,5 @@
 """Whether a chamber is safe: its air says so, not its acknowledgement.
 
-    left = watch_air(chamber, clock, chamber.safe_state(), Polling(), waiting=print)
-    left.word, left.reason       # SAFE, "the air has moved from 60.0 to 58.1 °C in 3 min, towards …"
-
 A chamber can take STANDBY, show STANDBY and go on heating. So after the command its air is looked at until it is where
 it harms nobody and would stay there, or goes where nothing but the safe state sends it.
 """

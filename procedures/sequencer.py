@@ -1,9 +1,5 @@
 """Carries out a plan, and is the only thing that decides what happens next: from the plan and the journal alone.
 
-    sequencer = Sequencer(plan, Watch(devices, journal, stop, began=began))
-    with stop.on_signals():
-        outcome = sequencer.run()
-
 Steps that the journal holds as DONE are skipped, so running and resuming are the same call. A step stands on others
 that put the bench into a physical state: a collect on its index, its restabilisation, its setpoint and the devices'
 identity. Those that are DONE in the journal but not in effect in this process are restored (done again, recorded as

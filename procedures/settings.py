@@ -1,14 +1,5 @@
 """What a sweep asks for, as plain numbers: temperatures, soaks, collects, limits and poll intervals.
 
-    sweep = SweepProcedure(
-        title="Two temperatures",
-        temperatures_degC=(-20.0, 40.0),
-        self_calibrations=3,
-        positions=("1", "2", "3"),
-        restabilisation=Restabilisation(at_least_s=45 * 60.0),
-    )
-    plan = make_plan(sweep)
-
 The configuration files convert to these; units have been checked by then. Values that contradict each other raise
 `ValueError` with one sentence that names the setting.
 """

@@ -1,9 +1,5 @@
 """Somebody wants the sweep to end: a signal, a command, a button. The sweep ends in the safe state.
 
-    stop = StopRequest()
-    with stop.on_signals():
-        outcome = sequencer.run()
-
 A second Ctrl-C says the same thing again; it does not skip the safe state. A handler only sets a flag: nothing is
 interrupted in the middle of a write. Whatever waits, waits in pieces and asks between them.
 

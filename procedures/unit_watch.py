@@ -1,8 +1,4 @@
-"""One unit as a running sweep sees it: its stream at each poll, who it says it is, what onlookers are shown of it.
-
-unit = UnitWatch("0042", devices, event, alive)
-block, span_s, error = unit.drain(resting=False)     # raises WrongDevice
-"""
+"""One unit as a running sweep sees it: its stream at each poll, who it says it is, what onlookers are shown of it."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field

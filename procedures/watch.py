@@ -2,9 +2,6 @@
 
 Every step waits through `Watch`, so that at every poll, whatever the step, the stream is drained, the chamber is read,
 the interlocks are judged, a stop request is heard, the journal gets its sign of life and onlookers see the state.
-
-    for looks in watch.wait(until_s):
-        ...                                # a look at each unit, by its name
 """
 
 import math

@@ -1,8 +1,5 @@
 """Every chamber driver by the name that a bench file gives it, and the line settings that its maker ships it with.
 
-    driver = CHAMBER_DRIVERS["watlow-f4"]
-    chamber = driver.build(transport, clock, ChamberOptions(limits=limits, safe=safe))
-
 The simulator of each is under the same name in `drivers.simulators.chambers`.
 """
 

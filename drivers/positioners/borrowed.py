@@ -1,7 +1,4 @@
-"""A positioner that a device of another library is: a rotary table of ophyd, ophyd-async, pymeasure.
-
-table = BorrowedPositioner(clock, {"1": 0.0, "2": 90.0}, Value(motor), Value(motor, "user_readback"))
-"""
+"""A positioner that a device of another library is: a rotary table of ophyd, ophyd-async, pymeasure."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import KW_ONLY, dataclass

@@ -1,8 +1,4 @@
-"""Bringing the unit to a collect position: by its own indexing, or by an operator who is asked and confirms.
-
-positioner = OperatorPositioner(ask, clock, instructions={"1": "connector up, dowel pins in holes A and B"})
-positioner.move_to("1", timeout_s=600.0)
-"""
+"""Bringing the unit to a collect position: by its own indexing, or by an operator who is asked and confirms."""
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import KW_ONLY, dataclass, field

@@ -1,7 +1,5 @@
 """A transport to a simulated device in the same process, under any clock.
 
-    transport = MemoryTransport(device, VirtualClock(), "sim://imu")
-
 Under a virtual clock a read that must wait jumps to the moment at which the device sends, or to its deadline.
 """
 

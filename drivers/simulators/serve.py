@@ -1,9 +1,5 @@
 """Simulated devices for any client: served on pseudo-terminals or TCP ports, in one loop under a real clock.
 
-    server = DeviceServer({"imu": imu, "chamber": chamber}, SystemClock())
-    print(server.urls["imu"])           # what a client opens
-    server.run()
-
 All devices of one server live in one loop, so that devices that share physics need no lock. A client that is not there
 misses what is sent, as on a real line; a client that is slow has `_MOST_WAITING` bytes to fall behind.
 """

@@ -1,7 +1,5 @@
 """A thread that only drains a port, so that nothing else the controller does can make the system's buffer run over.
 
-    port = LiveReader(open_port("/dev/ttyUSB0", clock=clock), clock)
-
 It is a transport like the one it drains, for benches under the system clock; a simulated bench in this process needs
 none and stays in one thread. What was read waits in a bounded queue. Where nobody takes it for too long, the oldest
 bytes are dropped and counted: `take_overflow` tells how many, and the IMU driver puts them into its counts.

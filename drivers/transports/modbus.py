@@ -1,8 +1,5 @@
 """Modbus registers over a `Transport`: pymodbus makes and reads the frames, deadlines and pauses are ours.
 
-    exchange = ModbusExchange(transport, clock, device="chamber on /dev/ttyUSB0", unit=1, framing="rtu")
-    exchange.query(100, 1, list)          # 01 03 00 64 00 01 C5 D5 -> [253]
-
 pymodbus' own client opens its own port and looks at the computer's clock, so only its framers and PDUs are used: frame
 layout, CRC and transaction numbers are not written a second time. `rtu` is also what a serial device server carries
 over TCP (`socket://`); `tcp` is Modbus TCP with its header.

@@ -1,7 +1,5 @@
 """A serial port, or a serial server over TCP, as a transport.
 
-    open_port("/dev/ttyUSB0", clock=clock, baudrate=115200)
-
 The URL is a device path, `socket://host:port` or `rfc2217://host:port`, whatever pyserial opens. A port is opened for
 us alone. A port that failed (unplugged, connection lost) is opened again by the next call, so that whoever retries
 survives a cable that came loose.

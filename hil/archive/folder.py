@@ -1,8 +1,5 @@
 """The archive's folder: what was measured of every unit, taken up from nights and campaign folders, each once.
 
-    taken = take_up(Path("archive"), Path("night-014"))
-    taken.entry, taken.before      # "unit-0042/20260301T1700Z-9f31c2a4d07b", False
-
     archive/
       archive.yaml                 says that it is one
       unit-0042/                   everything of serial number 0042

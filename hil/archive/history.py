@@ -1,7 +1,5 @@
 """A unit's life from the archive: each parameter over calendar time, its drift, its jumps, its own limits, what is due.
 
-    history(index, "0042", limits=load_limits("mfs"))     # hil.history/1
-
 What all temperatures have in common is looked at first: a calibration's shift against the others, with the same offset
 of each temperature in all of them. That tells a drift from a jump (`hil.archive.trend`). Values are brought to the
 temperature at which the unit usually was, by its own dependence on it, so that a chamber that stood half a degree

@@ -1,8 +1,5 @@
 """The archive's index: what `hil units` and `hil history` answer from in a second.
 
-    with opened_index(Path("archive")) as index:
-        index.units(); index.entries("0042"); index.means("0042")
-
 It is SQLite and never the truth: it is made from the folders (`hil.archive.taking_in`), and where it is lost, damaged
 or of another version, made again. Whoever asks is told what is in the folders and not in it.
 """

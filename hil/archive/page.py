@@ -1,8 +1,4 @@
-"""A unit's life in words, and with the list of units as pages: self-contained, with pictures, served live or as files.
-
-history_page(history(index, "0042"))
-units_page(index.units(), index.behind(), address="/units/KEY/")
-"""
+"""A unit's life in words, and with the list of units as pages: self-contained, with pictures, live or as files."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import date

@@ -1,8 +1,5 @@
 """The archive's index made from the folders: new entries read and solved, those that went forgotten.
 
-    done = update(Path("archive"))     # rebuild=True: all anew
-    done["read"], done["gone"], done["cannot_be_read"]     # entries, and why
-
 Each entry is one transaction, so a process that is killed leaves an index of whole entries. Numbers are those of `hil
 solve`, the means and their uncertainty what repeats show. A mean that holds a run that is INCONCLUSIVE or FAIL is no
 number to rely on, as the report says, and is not taken in; the others of its campaign are.

@@ -1,7 +1,4 @@
-"""What looking at a bench finds, and what to do about what is wrong: for the technician who stands in front of it.
-
-advice_for(error, bench, "chamber")
-"""
+"""What looking at a bench finds, and what to do about what is wrong: for the technician who stands in front of it."""
 
 import shlex
 from dataclasses import dataclass

@@ -1,8 +1,5 @@
 """Putting a bench together: clock, ports, unit, chamber and what moves the unit, from its file.
 
-    with build_bench(load_bench("simulated")) as bench:
-        bench.devices.imu.identify()
-
 This is the only place that knows that `sim://` ports are simulated devices in this process. Everything above gets
 devices and cannot tell.
 """

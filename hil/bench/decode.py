@@ -1,9 +1,5 @@
 """A frame description: said in words, and put to a file of raw bytes: what is in it, and its frames as a table.
 
-    document = decode_file(Path("night.bin"), load_frames_named("stim300"), out=Path("night.parquet"))
-    document["ok"], document["lost"], document["first"]
-    print(explain_frames(load_frames_named("stim300")))
-
 A counter that is described wrongly gives good frames with a false account of what is missing, which is said in words.
 The file is read in chunks, so that memory does not grow with it; with `out` it is read twice, the first time to know
 which fields occur. Columns are those of the description, in its units: the time, place in the file and number of each

@@ -1,8 +1,5 @@
 """What a recording of an unknown unit might be: what a person looks for in a hex dump, and a description to start from.
 
-    document = guess_file(Path("unknown.bin"))
-    document["fits"], document["length"], document["description"]
-
 And what to say of one that a frame description does not fit: a wrong one gives no wrong numbers, but no numbers either.
 Which shipped descriptions read it; how often it repeats itself; which bytes come again and again at that distance;
 which checksum stands where; what counts. Nothing of it is certain, and the description says so.

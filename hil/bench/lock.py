@@ -1,8 +1,5 @@
 """One controller per bench: whoever drives a device owns its port on this machine, whatever folder the night is in.
 
-    with bench_lock(bench, folder):
-        build_bench(bench)
-
 A lock file for each real port stands in /run/lock (else the folder for temporary files), under names made from the
 port itself, whatever it is called: two names in /dev of one adapter are one port, and so are localhost, 127.0.0.1 and
 every other name of one machine. Devices simulated in process need no lock.

@@ -1,7 +1,4 @@
-"""A bench file to begin with: six answers put into a template, and read back as any bench file is.
-
-text = new_bench("my-bench", {"chamber": "espec", "chamber_port": "/dev/ttyUSB1", "unit": "stim300"})
-"""
+"""A bench file to begin with: six answers put into a template, and read back as any bench file is."""
 
 import re
 from collections.abc import Mapping

@@ -1,9 +1,5 @@
 """The bench file: which devices stand where, how the unit is oriented at each position, and what is safe.
 
-    bench = load_bench("simulated")
-    bench.sensors[2].built["1"].components(bench.site.gravity_g())  # f at position 1, along A, B, S
-    bench.chamber.limits.high_degC                                  # °C
-
 Numbers carry their unit in the file and are plain floats here: s, °C, °C/min, deg, g, Hz. Orientations may be written
 as the report's figure shows them (`{A: -1, B: +2, S: +3}`: A along minus axis 1), as a rotation of the unit from
 another position (`{from: "3", rotate: -90 deg, about: 2}`), or as a matrix with one row per sensor axis.

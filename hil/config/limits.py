@@ -1,9 +1,5 @@
 """The limits file: what a unit's parameters must be for the unit to be in spec, with units and a decision rule.
 
-    limits = load_limits("mfs-imu-example")
-    limits.sensors[2]["MUB"].high            # deg/hr/g
-    limits.check({2: sensor})                # InputError where a sensor has no such parameter
-
 `low` and `high` bound a parameter's mean at every temperature, `scatter` its standard deviation from run to run,
 `change` how far it may be from an earlier campaign's mean, either way, and `span` the largest less the smallest of its
 means over the temperatures. Biases are in deg/hr, sensitivities in deg/hr/g. `hil.analysis.in_spec` judges by it.

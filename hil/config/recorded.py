@@ -1,8 +1,5 @@
 """The configuration of a night as its journal keeps it: everything that the files said, in one text.
 
-    text = configuration_text(bench, sweep)          # at the beginning, into the journal
-    bench, sweep = configuration_of(text, folder)    # for a resume, an export, a replay
-
 The bench and sweep files may be edited, moved or lost while a night goes on. What counts is what they said at its
 beginning; that includes the IMU's frame description, the simulated unit's model and the description of a chamber
 without a driver of its own, which the bench file only names.

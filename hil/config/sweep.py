@@ -1,8 +1,4 @@
-"""The sweep file: which temperatures, how many self-calibrations at each, which collects, and when a soak is enough.
-
-sweep = load_sweep("rd-gc-86-1")
-plan = planned(sweep, bench)
-"""
+"""The sweep file: which temperatures, how many self-calibrations at each, which collects, and when a soak is enough."""
 
 from pathlib import Path
 from typing import Annotated, Literal

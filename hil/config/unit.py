@@ -1,7 +1,4 @@
-"""What is one unit's own on a bench: its label, its stream, how it lies, and the list of those that share a chamber.
-
-benches = of_each(document)         # of a file that lists its units: the bench of each, by serial number
-"""
+"""What is one unit's own on a bench: its label, its stream, how it lies, and the list of those that share a chamber."""
 
 from __future__ import annotations
 

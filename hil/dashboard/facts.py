@@ -1,9 +1,5 @@
 """What one night's journal and live files say, in the parts that the live page shows.
 
-    night = NightFacts(folder, "bench-2/night")
-    night.look()      # the parts that changed since the last look; {} where nothing did
-    night.whole()     # every part, for a page that was just opened
-
 Parts: `head` (what is going on now), `events`, `results`, `plan`, `temperatures` and `collect` (curves). The journal is
 opened read-only, for some milliseconds, and only where its files changed. Belongs to one thread.
 """

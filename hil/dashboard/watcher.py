@@ -1,9 +1,5 @@
 """Looks at the nights of a folder once a second, beside the event loop, and tells every open page what changed.
 
-    watcher = Watcher(folder)
-    async with watcher.watching(), watcher.page() as updates:
-        frame = await updates.get()      # bytes of one server-sent event
-
 All pages get the same bytes, made once. A page that was just opened, or that was too slow to take what it was sent,
 gets everything again; so whoever is slow costs nobody anything, and what waits in memory is bounded.
 """

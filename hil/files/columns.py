@@ -1,8 +1,5 @@
 """Tables that people give, of bounded size and each column named once, and rows as CSV.
 
-    columns = read_columns(Path("static.csv"))
-    columns.values["gx"], columns.units.get("gx")
-
 A recording is a Parquet or CSV table, columns between blanks, or a NumPy archive.
 What a cell holds is not looked at; a table that this project wrote says units and whether it is simulated.
 """

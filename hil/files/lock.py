@@ -1,8 +1,5 @@
 """One controller per folder: a lock file that says who owns it, and that no death of its owner can leave locked.
 
-    with FolderLock(folder).acquire() as lock:
-        lock.taken_over_from  # None, or the dead owner whose lock this was
-
 The lock itself is the kernel's (`flock`), which ends with the process, even by kill -9. The text in the file says who
 holds it, for people, for `hil status` and for the watchdog; a text without a lock is what a dead owner leaves behind.
 """

@@ -1,7 +1,4 @@
-"""The documentation that came with the program: its pages by name, and all of them as a site of HTML files.
-
-manual()["wire-a-chamber"].read_text("utf-8")
-"""
+"""The documentation that came with the program: its pages by name, and all of them as a site of HTML files."""
 
 import json
 import re

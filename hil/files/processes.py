@@ -1,8 +1,5 @@
 """Processes that share work: units of a fleet to read and weigh, nights to draw.
 
-    with processes(4) as mapped:
-        for found in mapped(weigh, units): ...
-
 They end with the one that they work for, however that ends, and at once where it gives the work up. Only that one hears
 a terminal.
 """

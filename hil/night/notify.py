@@ -1,9 +1,5 @@
 """Telling somebody who is not there: a night has started, needs you, has a fault, has finished, with the numbers.
 
-    notifier = Notifier(bench.notify, "night on lab-3", failed=lambda what: journal.event("notification-failed", what))
-    notifier.tell("fault", "the chamber does not answer")
-    notifier.close()
-
 Addresses are those of apprise (https://github.com/caronc/apprise), which is the optional extra `notify`; without it an
 `http://` or `https://` address still gets a POST of JSON. They are read when a night begins and stand nowhere in its
 records: what is recorded of a failure is the reference and the kind of error, never its text, which may hold the

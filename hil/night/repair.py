@@ -1,8 +1,5 @@
 """What is proven of a damaged night, brought into a new folder; the damaged one is not touched.
 
-    document = repair_night(folder, Path("mended"))
-    document["lost"]      # in words; [] where everything came back
-
 A row of the journal is proven by its digest in the ledger, an attempt that the journal has lost by its line in the log,
 which carries a digest of its own, a block by its hash in either. Steps whose rows are not proven are planned again from
 the night's configuration. A self-calibration of which samples are lost counts no more; `hil resume` does it again.

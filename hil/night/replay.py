@@ -1,8 +1,5 @@
 """A recorded night computed again from its raw bytes: every average, to the last digit.
 
-    document = replay_night(folder)
-    document["identical"], document["differences"]  # True, []
-
 The bytes are decoded with the frame description that the night had, compared column by column with the stored samples,
 and reduced by the function that the bench used; what is solved from the same averages is the same. What cannot come out
 of bytes is taken as recorded: the times of the samples, the duration of the collect, and what the driver counted. Equal

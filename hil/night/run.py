@@ -1,8 +1,5 @@
 """A night in a folder: begin one, carry one on.
 
-    outcome = start_night("night", load_sweep("rd-gc-86-1"), load_bench("simulated"))
-    outcome.exit_status, outcome.state, outcome.reason
-
     night/
       journal.sqlite      the truth
       blocks/             samples and raw bytes

@@ -1,7 +1,5 @@
 """The watchdog of a night: another process that brings the chamber to its safe state when the controller cannot.
 
-    Watchdog(folder, bench, say=print).run()
-
 It ends when the controller has ended by itself. It acts when
 - the controller has died (killed, out of memory, a crash of the interpreter): proven by its lock, which the kernel
   releases with the process, while the journal says nothing of an end; at once;

@@ -1,9 +1,5 @@
 """A curve of bounded size: least and greatest value per bucket of time, with buckets that double when space runs out.
 
-    curve = Curve(3, buckets=2048)
-    curve.add(times_s, values)           # (n,), (n, 3)
-    curve.changes()                      # what a page has to draw anew
-
 A bucket is about a pixel of the screen, so that a spike of one second in fifteen hours is still drawn, and a night of
 any length costs the same memory.
 """

@@ -1,7 +1,5 @@
 """A night's journal as Bluesky's event-model documents: JSON lines, each the kind of a document and itself.
 
-    export_documents("night-014", "night-014.jsonl")
-
 The start says what the night is, the stop whether it is complete. Stream `sensor_N` has an event for each collect with
 the columns of collects.csv, `steps` one for each attempt at a step, `happened` one for each event of the journal. What
 is not known is null; times are seconds since 1970. The same journal gives the same documents, uids included.

@@ -1,8 +1,5 @@
 """A night as a campaign folder (hil.campaign/1): what `hil solve`, reconcile and any spreadsheet work from.
 
-    export = export_campaign(folder, "my-campaign")
-    export.notes  # what is not there, and what was judged not good
-
 There is one row for each collect and sensor. `collect` is unique within the file, so that two sensors of one collect
 have two numbers; both have the same start. Known acceleration and earth rate are the bench file's orientation table
 applied to its site; nothing in them is measured. A night that is not complete is exported as far as it got.

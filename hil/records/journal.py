@@ -1,10 +1,5 @@
 """The journal of a night: the truth, in SQLite. When a call returns, what it recorded survives a power failure.
 
-    SqliteJournal.create(folder, plan, night)                      # once
-    with SqliteJournal.open(folder, clock=clock, who="rk") as journal:  # one controller at a time
-        (attempt,) = journal.begin(step)
-        journal.end((step, attempt, StepResult(Outcome.DONE, data={...}, samples=block)))
-
 What several units do at once begins and ends at once. The order of `end` is: data blocks (hil.records.blocks), then one
 transaction with the results and the names of the blocks. A crash before the transaction leaves attempts that never
 ended and perhaps orphan blocks, never half a result. Then the write-ahead log is emptied into the database: what a kill

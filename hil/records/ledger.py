@@ -1,10 +1,5 @@
 """One hash chain over every row of every table of a journal; its head stands in a second file beside it.
 
-    ledger = Ledger(connection, folder)
-    with ledger.transaction():       # whoever writes: a controller, its watchdog, who asks something of it
-        connection.execute("INSERT ...")
-    breaks(connection, read_head(folder))     # [], or in words what is not as it was written
-
 A commit is one entry: the SHA-256 of every row that it wrote, as the row stands since, and a link, the SHA-256 of the
 link before and of this entry. The head is the newest link, written after each durable commit: a journal that lost its
 end is shorter than its head says. It may be longer: a crash came in between, or only heartbeats followed. Where the

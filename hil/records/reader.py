@@ -1,8 +1,5 @@
 """Reading a journal, also from another process while the controller writes it.
 
-    with open_readonly(folder) as journal:
-        journal.night, journal.plan, journal.completed()
-
 Nothing here changes a night. Inside `snapshot` all reads see the same instant.
 """
 

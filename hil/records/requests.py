@@ -1,9 +1,5 @@
 """Asking something of a running controller, from another process: a command, a dashboard.
 
-    number = request(folder, RequestKind.PAUSE, "rk@lab-3", "a look at the cable")
-    answer = wait_for_answer(folder, number, timeout_s=10.0)
-    answer.accepted, answer.answer        # True, "pauses at once; the chamber is held"
-
 A request is one durable row in the night's journal, meant for the controller that is at work at this moment and never
 acted upon by another. The controller hears of it at its next poll and writes its answer beside it; an event in the
 journal says what came of it. Waiting for the answer is not needed: what was asked is done all the same.

@@ -1,8 +1,5 @@
 """What is wrong with a night at this moment, worst first, what was wrong and is over, and what to do: in sentences.
 
-    now, over = troubles(journal.night, events, last_s, trying="T1/S1/setpoint")
-    to_do(folder, status)       # "hil resume night carries on"
-
 Both come from the events of the newest controller alone. Times are of the campaign, as everywhere in a journal.
 """
 

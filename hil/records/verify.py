@@ -1,8 +1,5 @@
 """Whether a night is complete and undamaged: every step, every block, every byte.
 
-    night = verify_night(folder)
-    night["complete"], night["problems"]  # True, []
-
 It trusts nothing but hashes and arithmetic: the journal is held against its chain and what stands beside it, every
 block against its hash and its contents, log and configuration beside it against what the journal has on record, and
 every recorded average is computed again from the samples.

@@ -1,8 +1,5 @@
 """What stands beside a journal and says what was committed: its head, the log, the names of the blocks.
 
-    witnesses = Witnesses.of(folder)      # before the journal is read: what they say, a sound one says by then
-    list(contradictions(connection, witnesses))
-
 One flipped bit in SQLite's write-ahead log makes every later commit in it vanish without a word. These still know.
 """
 

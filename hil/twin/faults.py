@@ -1,10 +1,7 @@
 """Makes the faults of a bench file happen on its simulated devices, clock, disk and controller.
 
-    injector = FaultInjector(bench.faults, clock)
-    injector.inject(simulators, {"imu.port": transport, "chamber.port": other})
-    start a night with injector.disk, and injector as an onlooker: it sees the steps that faults wait for
-
-`hil.bench` does this for every bench that is simulated in process. A night that is carried on meets the faults that
+`hil.bench` does this for every bench that is simulated in process. A night is begun with the injector's `disk`, and
+with itself as an onlooker: it sees the steps that faults wait for. A night that is carried on meets the faults that
 are still to come, and those that are still going on by the clock; what happened in a moment has happened.
 """
 

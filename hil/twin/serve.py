@@ -1,8 +1,5 @@
 """The simulated devices of a bench for any client, on pseudo-terminals or TCP ports, in real time.
 
-    with serving(load_bench("simulated"), tcp=False) as (server, simulation):
-        server.run()        # and whoever opens simulation.ports speaks with it like with a real bench
-
 Where the bench file names a simulated port (`sim://imu`), the device gets a pseudo-terminal of the system's choosing;
 where it names a path, the terminal appears there; where it names `socket://host:port`, that TCP port is served. One
 chamber, one unit, one air between them, as in process.

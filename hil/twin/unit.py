@@ -1,9 +1,5 @@
 """The simulated unit: what its fields read at any moment, from the equation, its temperatures and its noise.
 
-    unit = SimulatedUnit(bench, model, roles, plant, sample_rate_hz=20.0)
-    unit.start_move("1", begins_s=100.0, ends_s=105.0)
-    unit.signals(times_s)["rate_A2"]  # deg/hr, one per time
-
 It implements `drivers.simulators.unit.UnitPhysics`: the simulator of the frames asks it for signals by field name, and
 it knows nothing of bytes. Times never go backwards, and every sample is asked for once; how many are asked for at a
 time changes nothing, not even the last bit.

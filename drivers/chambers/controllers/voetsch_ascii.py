@@ -1,8 +1,5 @@
 r"""Vötsch and Weiss chambers over ASCII-2 (`$00I`, `$00E`): VT 4002, VT 4004, VT 7004 and their relatives.
 
-    controller = VoetschAscii(transport, clock, limits=limits)
-    chamber = SupervisedChamber(controller, clock, Supervision(limits=limits, safe=safe, celsius_confirmed=True))
-
 One request reads everything: pairs of nominal and actual value, then the digital bits; one writes everything: all
 nominal values and all digital bits. What is not ours is written back as it was read. A setpoint works while the start
 bit and the bit of the temperature channel are both set. How many values there are, in which order, and what the bits

@@ -1,9 +1,5 @@
 r"""The box of a description with a chamber behind it: it answers as the description says it would.
 
-    device = simulated_box(ChamberPlant(), load_box("configs/chambers/temptronic-ats.yaml"))
-    device.receive(b"TEMP?\n", 0.0)
-    device.transmit(0.1)                  # b"22.0\n"
-
 It shows whether a description hangs together and how a bench would run with it. It cannot show that a real box answers
 like this: what does are published bytes and the clients of others.
 """
