@@ -58,18 +58,15 @@ class VirtualClock:
     def __init__(self, start: datetime = SIMULATED_EPOCH, now_s: float = 0.0) -> None:
         self._start = start
         self._now = now_s
-        self._wall_jumps: list[tuple[float, float]] = []
+        self.wall_jumps: list[tuple[float, float]] = []
+        """When somebody sets the wall clock, and by how much, s; `now` goes on as ever."""
 
     def now(self) -> float:
         return self._now
 
     def utc(self) -> datetime:
-        jumped_s = sum(by_s for at_s, by_s in self._wall_jumps if at_s <= self._now)
+        jumped_s = sum(by_s for at_s, by_s in self.wall_jumps if at_s <= self._now)
         return self._start + timedelta(seconds=self._now + jumped_s)
-
-    def set_wall_clock(self, at_s: float, by_s: float) -> None:
-        """Let somebody set the wall clock by `by_s` at `at_s`; `now` goes on as ever."""
-        self._wall_jumps.append((at_s, by_s))
 
     def sleep(self, seconds: float) -> None:
         if seconds > 0:

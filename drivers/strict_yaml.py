@@ -8,7 +8,7 @@ import difflib
 import re
 from collections.abc import Hashable, Mapping, Sequence
 from copy import deepcopy
-from functools import lru_cache
+from functools import cache, lru_cache
 from importlib.resources import files
 from typing import Any, Self
 
@@ -26,31 +26,6 @@ _NUMBERS = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
 _NO_VALUE = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError)  # how the library says so
 _LONGEST = 60  # characters of a value that are shown
 _OWN_KEY = re.compile(r"([A-Za-z_]\w*(?:\.\w+)*): ")
-_KINDS = {
-    "int": "a whole number",
-    "float": "a number",
-    "bool": "true or false",
-    "string": "text (in quotes where it looks like a number)",
-    "bytes": "text",
-    "dict": "a mapping of keys to values",
-    "mapping": "a mapping of keys to values",
-    "model": "a mapping of keys to values",
-    "list": "a list, such as [a, b]",
-    "tuple": "a list, such as [a, b]",
-}
-_SENTENCES = {
-    "unexpected_keyword_argument": "there is no such key here; check its spelling",
-    "union_tag_not_found": "this key is missing",
-    "union_tag_invalid": "{tag!r} is not allowed; allowed: {expected_tags}",
-    "literal_error": "{given} is not allowed; allowed: {expected}",
-    "enum": "{given} is not allowed; allowed: {expected}",
-    "greater_than": "must be more than {gt:g}, not {given}",
-    "greater_than_equal": "must be at least {ge:g}, not {given}",
-    "less_than": "must be less than {lt:g}, not {given}",
-    "less_than_equal": "must be at most {le:g}, not {given}",
-    "multiple_of": "must be a multiple of {multiple_of:g}, not {given}",
-    "finite_number": "must be a finite number, not {given}",
-}
 
 
 class Section(BaseModel):
@@ -152,6 +127,11 @@ def packaged(package: str, name: str) -> Any:
     return yaml.load((files(package) / name).read_text(encoding="utf-8"), Loader=loader)  # noqa: S506 (both are safe)
 
 
+@cache
+def _words() -> Any:
+    return packaged("drivers", "mistakes.yaml")
+
+
 def parse_yaml(text: str, source: str) -> dict[str, Any]:
     """Return the mapping that a YAML text holds; raise `InputError`, which begins with `source`, where it is none."""
     document = parse_value(text, source)
@@ -248,8 +228,8 @@ def plain_words(problem: Any) -> str:
     if kind == "missing":
         in_list = isinstance(problem["loc"][-1], int)
         return "this value of the list is missing" if in_list else "this key is missing"
-    if kind in _SENTENCES:
-        return _SENTENCES[kind].format(given=given, **context)
+    if (said := _words()["sentences"].get(kind)) is not None:
+        return str(said.format(given=given, **context))
     if kind in ("too_short", "string_too_short"):
         return f"must have at least {_entries(kind, context['min_length'])}"
     if kind in ("too_long", "string_too_long"):
@@ -261,7 +241,7 @@ def plain_words(problem: Any) -> str:
 
 def _kind(problem: Any) -> str:
     """Return what should stand there instead, if that is what is wrong with it."""
-    return _KINDS.get(str(problem["type"]).split("_")[0], "")
+    return str(_words()["kinds"].get(str(problem["type"]).split("_")[0], ""))
 
 
 def _entries(kind: str, count: int) -> str:

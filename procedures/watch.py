@@ -135,14 +135,8 @@ class Watch:
         if look is None:
             return {}
         chamber = {} if look.chamber is None else {"chamber": vars(look.chamber), "chamber_fresh": look.chamber_fresh}
-        return chamber | {
-            "commanded_degC": look.commanded_degC,
-            "unit_degC": look.unit_degC,
-            "samples": look.samples,
-            "stream_span_s": look.stream_span_s,
-            "counts": vars(look.counts),
-            "disk_free_mb": look.disk_free_mb,
-        }
+        seen = ("commanded_degC", "unit_degC", "samples", "stream_span_s", "disk_free_mb")
+        return chamber | {name: getattr(look, name) for name in seen} | {"counts": vars(look.counts)}
 
     def alive(self, silent_s: float = 0.0) -> None:
         """Tell a watchdog that the controller lives, and for how long it may be silent now. Called at every poll."""

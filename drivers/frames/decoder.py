@@ -179,8 +179,7 @@ class StreamDecoder:
         self._description = description
         plain = families_of(description)
         packets = description.packets
-        self._packets = None if packets is None else PacketScanner(description.sync, plain, packets)
-        self._scanner = Scanner(description.sync, [] if self._packets else plain)
+        self._scanner = PacketScanner(description.sync, plain, packets) if packets else Scanner(description.sync, plain)
         self._names = [family.name for family in plain]
         rate_hz = description.sample_rate_hz
         self._sequences = [FrameSequence(family.description, rate_hz) for family in plain]
@@ -245,8 +244,8 @@ class StreamDecoder:
 
     def _scan(self, buffer: bytes, at: int, end: int, *, give_up: bool) -> Scan:
         """Look at what lies between two places, or at a part of it; it waits only where more is to arrive."""
-        if self._packets is not None:
-            scan = self._packets.scan(buffer[at:end], self._standing, last=give_up and end == len(buffer))
+        if isinstance(self._scanner, PacketScanner):
+            scan = self._scanner.scan(buffer[at:end], self._standing, last=give_up and end == len(buffer))
         else:
             clean = None
             if self._runs and end - at >= _FEW:

@@ -80,7 +80,8 @@ class Scanner:
     def __init__(self, sync: bytes, families: Sequence[FrameFamily]) -> None:
         self._sync = sync
         self._families = families
-        self._headers = [(header, index) for index, family in enumerate(families) for header in family.headers]
+        headers = ((header, index) for index, family in enumerate(families) for header in family.headers)
+        self._headers = sorted(headers, key=lambda each: -len(each[0]))  # of packets one may begin another
         self._longest_header = max((len(header) for header, _ in self._headers), default=0)
         known = b"|".join(b"(" + header.pattern + b")" for header, _ in self._headers)
         self._known = re.compile(known, re.DOTALL)
@@ -247,15 +248,12 @@ class Scanner:
         return Scan(n * size + len(more), Standing(), found, stuffing=stuffing, resyncs=int(not standing.in_step))
 
 
-class PacketScanner:
+class PacketScanner(Scanner):
     """Looks for the frames of one stream of packets."""
 
     def __init__(self, sync: bytes, families: Sequence[FrameFamily], packets: PacketDescription) -> None:
-        headers = [(header, index) for index, family in enumerate(families) for header in family.headers]
-        headers.sort(key=lambda each: -len(each[0]))
-        self._known = re.compile(b"|".join(b"(" + header.pattern + b")" for header, _ in headers), re.DOTALL)
-        self._of_group = [index for _, index in headers]
-        self._sync, self._families, self._packets = sync, families, packets
+        super().__init__(sync, families)
+        self._packets = packets
 
     def scan(self, data: bytes, standing: Standing, *, last: bool) -> Scan:
         """Scan the packets that end in `data`; what follows them waits for its end, unless it is too long for one."""
@@ -265,14 +263,14 @@ class PacketScanner:
             if content == b"":
                 result.stuffing += result.stop - start
                 continue
-            match = None if content is None else self._known.match(content)
-            if content is None or match is None or match.lastindex is None:
+            which = None if content is None else self._which(self._known.match(content))
+            if content is None or which is None:
                 unknown = content is not None and self._sync and content.startswith(self._sync)
                 result.unknown_id += bool(unknown)
                 result.bad_checksum += not unknown
                 in_step = False
                 continue
-            index = self._of_group[match.lastindex - 1]
+            index = which[1]
             family = self._families[index]
             form = family.form(content) if family.length_of(content, 0) == len(content) else Flaw.CHECKSUM
             if isinstance(form, Flaw):

@@ -18,11 +18,8 @@ class MemoryTransport(Transport):
         super().__init__(name, clock)
         self._device = device
         self._closed = False
-        self._pulled: list[tuple[float, float]] = []  # when the cable will be pulled, and put back
-
-    def unplug_between(self, begins_s: float, ends_s: float) -> None:
-        """Pull the cable from `begins_s` to `ends_s`: every call fails, and what the device sends is lost."""
-        self._pulled.append((begins_s, ends_s))
+        self.pulled_between: list[tuple[float, float]] = []
+        """When the cable is pulled, and put back: every call fails meanwhile, and what the device sends is lost."""
 
     def write(self, data: bytes) -> None:
         self._check()
@@ -35,11 +32,11 @@ class MemoryTransport(Transport):
         if self._closed:
             raise TransportError(f"{self.name}: the port is closed")
         now_s = self._clock.now()
-        for span in [each for each in self._pulled if each[1] <= now_s]:
-            self._pulled.remove(span)
+        for span in [each for each in self.pulled_between if each[1] <= now_s]:
+            self.pulled_between.remove(span)
             self._device.transmit(now_s)
             self._arrived.clear()
-        if any(begins_s <= now_s for begins_s, _ in self._pulled):
+        if any(begins_s <= now_s for begins_s, _ in self.pulled_between):
             raise TransportError(f"{self.name}: the port is gone; check its cable")
 
     def _fill(self) -> None:

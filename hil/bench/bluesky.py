@@ -58,7 +58,7 @@ class _Device(ABC):
     parent = None
 
     def __init__(self, name: str, live: LiveBench, threads: ThreadPoolExecutor, lock: RLock) -> None:
-        self.name, self._source = name, f"{'SIMULATED ' * live.simulated}{live.bench.name}"
+        self.name, self._source = name, f"{'SIMULATED ' * live.bench.simulated}{live.bench.name}"
         self._devices, self._clock = live.devices, live.devices.clock
         self._threads, self._lock = threads, lock
 

@@ -117,7 +117,7 @@ class FaultInjector(Progress):
             case "imu" | "chamber" if fault.kind == "unplugged":
                 keys = [unit_port(name) for name in units] if fault.device == "imu" else ["chamber.port"]
                 for key in self._ports.keys() & keys:
-                    self._ports[key].unplug_between(begins_s, ends_s)
+                    self._ports[key].pulled_between.append((begins_s, ends_s))
             case "imu":
                 kind, share = ImuFault(meaning.simulated), fault.amount if meaning.size else 1.0
                 for name in units:
@@ -139,4 +139,4 @@ class FaultInjector(Progress):
             case "controller":
                 self._kill_s = min(self._kill_s, begins_s)
             case "clock" if isinstance(self._clock, VirtualClock):
-                self._clock.set_wall_clock(begins_s, fault.amount)
+                self._clock.wall_jumps.append((begins_s, fault.amount))

@@ -13,10 +13,9 @@ import numpy as np
 from hil.campaign import FloatArray, IntArray
 from hil.model.curve import Curve
 from hil.model.effects.scatter import Scatter
-from hil.model.stated_noise import SensorNoise
 from hil.twin.thermal import GRID_S
 
-WHITE, _RUNS, SUPPLY, _NAMED, COLLECTS = 0, 2, 3, 4, 5
+WHITE, RUNS, SUPPLY, _NAMED, COLLECTS = 0, 2, 3, 4, 5
 
 
 def stream(seed: int, *key: int) -> np.random.Generator:
@@ -87,8 +86,3 @@ def drawn_base(
     sigmas = np.array([float(sizes[name].at(at)[0]) for name in names])
     drawn = sigmas * (factor @ stream(seed, *key).standard_normal(len(names)))
     return dict(zip(names, drawn.tolist(), strict=True))
-
-
-def run_scatter(seed: int, run: int, sensor: int, noise: SensorNoise, temperature_degC: float) -> dict[str, float]:
-    """Return by how much each base parameter of a sensor differs in self-calibration `run` from the model's value."""
-    return drawn_base(seed, (_RUNS, run, sensor), noise.run_to_run, noise.correlation_factor(), temperature_degC)

@@ -17,7 +17,7 @@ from hil.model.forms import value_form
 from hil.model.model_file import unit_terms
 from hil.model.stated_noise import SensorNoise
 from hil.twin.motion import Leg
-from hil.twin.scatter import COLLECTS, drawn_base, run_scatter
+from hil.twin.scatter import COLLECTS, RUNS, drawn_base
 
 _COLDEST_DEGC, _HOTTEST_DEGC, _STEP_DEGC = -90.0, 150.0, 0.02
 
@@ -83,9 +83,10 @@ class SimulatedSensor:
 
     def begin_stay(self, session: int, leg: Leg, temperature_degC: float) -> None:
         """Draw the scatter of a stay, and of its self-calibration, which is the same again after a resume."""
-        number = self.sensor.number
+        number, noise = self.sensor.number, self.noise
         if leg.run not in self.runs:
-            self.runs[leg.run] = run_scatter(self._seed, leg.run, number, self.noise, temperature_degC)
+            sizes, factor = noise.run_to_run, noise.correlation_factor()
+            self.runs[leg.run] = drawn_base(self._seed, (RUNS, leg.run, number), sizes, factor, temperature_degC)
         sizes, key = self.noise.collect_to_collect, (COLLECTS, session, leg.number, number)
         own = drawn_base(self._seed, key, sizes, np.eye(len(sizes)), temperature_degC)  # done again it is another
         both = [self.runs[leg.run].get(name, 0.0) + own.get(name, 0.0) for name in self._form.names]

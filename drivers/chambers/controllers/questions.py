@@ -118,12 +118,11 @@ class Number(Question):
 
 
 class Hottest(Question):
-    """The temperature that a box says it can reach."""
+    """The temperature that a box says it can reach, None where it says something else instead."""
 
     numeric = True
 
     def meaning(self, word: str) -> float | None:
-        """Return the number, None where it says something else instead."""
         with suppress(ValueError):
             return number_in(word)
         return None

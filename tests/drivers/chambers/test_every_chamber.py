@@ -358,7 +358,7 @@ def test_a_port_that_is_gone_is_a_transport_error(name: str) -> None:
     """For reads, for settings and for the safe state."""
     bench = ChamberBench(name)
     bench.chamber.prepare()
-    bench.transport.unplug_between(0.0, float("inf"))
+    bench.transport.pulled_between.append((0.0, float("inf")))
     attempts: list[Callable[[], object]] = [
         bench.chamber.read,
         lambda: bench.chamber.set_temperature(30.0),

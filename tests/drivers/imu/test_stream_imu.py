@@ -191,7 +191,7 @@ def test_no_identity_is_said_with_its_cause() -> None:
 def test_a_lost_port_is_an_error_and_a_closed_driver_stays_closed() -> None:
     """Unplugged is not the same as silent."""
     bench = Bench()
-    bench.transport.unplug_between(0.0, 1.0)
+    bench.transport.pulled_between.append((0.0, 1.0))
     with pytest.raises(TransportError, match="sim://imu: the port is gone"):
         bench.imu.read_block()
     bench.clock.sleep(1.0)
@@ -213,7 +213,7 @@ def test_a_lost_stream_makes_unsure_who_is_there_until_it_is_asked_again() -> No
     for what, faults in lost.items():
         bench = Bench(faults)
         if what == "failed":
-            bench.transport.unplug_between(20.0, 20.5)
+            bench.transport.pulled_between.append((20.0, 20.5))
         bench.imu.identify()
         while bench.clock.now() < 30.0:
             bench.clock.sleep(0.4)

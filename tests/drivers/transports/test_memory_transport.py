@@ -102,7 +102,7 @@ def test_an_unplugged_port_fails_and_what_was_sent_meanwhile_is_lost() -> None:
     """Every call fails until the cable is back; nothing old arrives then."""
     clock = VirtualClock()
     transport = MemoryTransport(Beacon(), clock, "sim://beacon")
-    transport.unplug_between(0.0, 35.0)
+    transport.pulled_between.append((0.0, 35.0))
     for call in (transport.read_available, lambda: transport.write(b"x"), lambda: transport.read(1, 1.0)):
         with pytest.raises(TransportError, match="sim://beacon: the port is gone"):
             call()

@@ -15,7 +15,7 @@ from hil.model import load_model
 from hil.twin import SimulatedUnit
 from hil.twin.devices import SimulatedBench, simulate_devices
 from hil.twin.motion import Resumed
-from hil.twin.scatter import run_scatter
+from hil.twin.scatter import RUNS, drawn_base
 from tests.hil.twin.quiet import changed_bench, quiet_bench
 from tests.hil.twin.truth import truth_of
 
@@ -189,7 +189,8 @@ def test_run_to_run_scatter_has_the_models_size_and_correlation(tmp_path: Path) 
     model_file = changed_bench(tmp_path).simulation_model
     assert model_file is not None
     noise = load_model(model_file).noise[2]
-    drawn = [run_scatter(7, run, 2, noise, 20.0) for run in range(1, 2001)]
+    sizes, factor = noise.run_to_run, noise.correlation_factor()
+    drawn = [drawn_base(7, (RUNS, run, 2), sizes, factor, 20.0) for run in range(1, 2001)]
     table = {name: np.array([each[name] for each in drawn]) for name in drawn[0]}
     for name, sigma in {"BA": 1.8, "BB": 4.3, "MUA": 3.74, "MUB": 3.95}.items():
         assert np.std(table[name]) == pytest.approx(sigma, rel=0.08)
