@@ -222,8 +222,7 @@ def take_collects(
     FAILED, with its samples, where it gives no usable mean. A unit that is set aside meanwhile is missing in it; of one
     that does not lie as it should, by its accelerations at the end of settling, no sample is taken. A position that is
     not confirmed before and after, or that accelerations over the collect contradict, is a FAIL. A verdict is never
-    better than that of the soak before (`soaked`, by unit); `samples_verdict` is the collect's own. Raises what a poll
-    raises.
+    better than that of the soak before (`soaked`, by unit); `samples_verdict` is the collect's own. Raises as a poll.
     """
     before = {name: devices.positioner.position() for name, devices in units.items()}
     taken, watch.note = dict[str, StepResult](), "settling"

@@ -114,8 +114,8 @@ class CollectSettings(_Parameters):
 class SweepProcedure:
     """A temperature sweep: at each temperature, so many self-calibrations, each of collects at the positions in order.
 
-    `positions` may repeat and come in any order (1-3-2 keeps a linear drift out of the bias and MU). Raises
-    `ValueError` where there is nothing to do, or a number is impossible.
+    `positions` may repeat and come in any order (1-3-2 keeps a linear drift out of the bias and MU). There is at least
+    one of each, as the sweep file's own keys say.
     """
 
     title: str
@@ -127,16 +127,6 @@ class SweepProcedure:
     ramp_degC_per_min: float = 3.0  # expected of the chamber
     start_degC: float = 23.0  # expected of the chamber at the beginning
     final_degC: float | None = None  # brought here before the safe state, so that nobody opens a cold chamber
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "temperatures_degC", tuple(float(value) for value in self.temperatures_degC))
-        object.__setattr__(self, "positions", tuple(str(position) for position in self.positions))
-        _require(bool(self.temperatures_degC), "sweep: at least one temperature is needed")
-        _require(bool(self.positions), "sweep: at least one position is needed")
-        _require(self.self_calibrations >= 1, "sweep: at least one self-calibration per temperature is needed")
-        _require(self.ramp_degC_per_min > 0.0, "sweep: ramp_degC_per_min must be positive")
-        for value in (*self.temperatures_degC, self.start_degC, self.final_degC or 0.0):
-            _require(math.isfinite(value), f"sweep: {value} is not a temperature")
 
 
 @dataclass(frozen=True)

@@ -29,8 +29,7 @@ class ControllerState:
     """One look at a controller, in the unit it speaks.
 
     `mode` is CONSTANT where it conditions to its setpoint, RUN where a program does, STANDBY or OFF where nothing does
-    (OFF for a controller that knows one kind of stop). A native limit that it does not have is None; so is a unit
-    that it cannot tell.
+    (OFF for a controller that knows one kind of stop). A native limit that it does not have is None; so is a unit.
     """
 
     temperature: float

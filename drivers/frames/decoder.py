@@ -41,7 +41,7 @@ class FrameSequence:
     A frame whose counter did not move repeats the one before it: it is counted and left out. A counter that moved by
     more than one step means lost frames; outages of a whole turn of the counter and more cannot be seen in it, and are
     resolved by arrival time elsewhere. Without a counter, the unit's own time tells, and without that, frames are
-    numbered as they arrive.
+    numbered on.
     """
 
     def __init__(self, frame: FrameDescription, rate_hz: float) -> None:
@@ -61,8 +61,7 @@ class FrameSequence:
         """Make n frames a part of the sequence; `told` says which have a field, `wire` gives its values.
 
         Return which rows are no repetitions, shape (n,), their numbers, shape (kept,), and how many frames were lost
-        between them. Frames that lack the counter (it may be an item) do not move it: they get the number of the one
-        before.
+        between them. Frames that lack the counter (it may be an item) do not move it: they get that of the one before.
         """
         told_by = self._told_by
         if told_by is None or not n:

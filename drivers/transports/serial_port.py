@@ -46,19 +46,10 @@ class SerialTransport(Transport):
     Opening happens here; raise `TransportError` where the port cannot be opened, saying why and what to do.
     """
 
-    def __init__(
-        self,
-        url: str,
-        *,
-        clock: Clock,
-        baudrate: int = 115200,
-        bytesize: int = 8,
-        parity: str = "N",
-        on_close: Callable[[], None] = lambda: None,
-    ) -> None:
+    def __init__(self, url: str, *, clock: Clock, on_close: Callable[[], None] = lambda: None, **line: Any) -> None:
         super().__init__(url, clock)
         self._on_close = on_close
-        self._settings: dict[str, Any] = {"baudrate": baudrate, "bytesize": bytesize, "parity": parity}
+        self._settings: dict[str, Any] = {"baudrate": 115200, "bytesize": 8, "parity": "N", **line}
         self._settings |= {"stopbits": 1, "timeout": 0, "write_timeout": _WRITE_TIMEOUT_S}
         self._closed = False
         self._port: Any = None

@@ -1,7 +1,6 @@
 """Putting a bench together: clock, ports, unit, chamber and what moves the unit, from its file.
 
-This is the only place that knows that `sim://` ports are simulated devices in this process. Everything above gets
-devices and cannot tell.
+This is the only place that knows that `sim://` ports are simulated devices in this process. All above cannot tell.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -34,8 +33,7 @@ from hil.config.bench import Bench
 from hil.config.ports import COM_PORT, OWN_SCHEME, SIMULATED_SCHEME, unit_port
 from hil.config.unit import ASK
 from hil.errors import InputError, worded
-from hil.twin.devices import SimulatedBench, simulate_devices
-from hil.twin.faults import FaultInjector
+from hil.twin.devices import FaultInjector, SimulatedBench, simulate_devices
 from hil.twin.motion import FROM_THE_START, Resumed
 from procedures.devices import BenchDevices
 

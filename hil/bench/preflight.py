@@ -161,11 +161,7 @@ def _unit_temperature(live: LiveBench, block: SampleBlock) -> Iterator[Finding]:
     rules = live.bench.interlocks
     good = all(rules.unit_low_degC <= value <= rules.unit_high_degC for value in shown.values())
     told = ", ".join(f"{name} {value:.1f} °C" for name, value in shown.items())
-    advice = (
-        f"the interlocks allow {rules.unit_low_degC:g} … {rules.unit_high_degC:g} °C: let the unit come into that "
-        "range, or see whether the frame description scales its temperature as the unit is set"
-    )
-    yield Finding("unit temperature", good, told, "" if good else advice)
+    yield Finding("unit temperature", good, told, "" if good else ADVICE["unit temperature"].format(rules=rules))
 
 
 def _chamber(live: LiveBench) -> Iterator[Finding]:
@@ -174,11 +170,7 @@ def _chamber(live: LiveBench) -> Iterator[Finding]:
     live.devices.refuse_undeclared_simulation(identity.model)
     inside = limits.low_degC - margin <= reading.temperature_degC <= limits.high_degC + margin
     told = f"{identity.model}, speaks {identity.unit}, {reading.mode}, now {reading.temperature_degC:.1f} °C"
-    advice = (
-        f"the air is outside the bench's {limits.low_degC:g} … {limits.high_degC:g} °C and an interlock would end the "
-        "night: let the chamber come back to room temperature, or correct chamber.limits"
-    )
-    yield Finding("chamber", inside, told, "" if inside else advice)
+    yield Finding("chamber", inside, told, "" if inside else ADVICE["air"].format(limits=limits))
     running, advice = reading.mode == "RUN", ""
     if running:
         advice = "a program is running: end it at the chamber's panel"

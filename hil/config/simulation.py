@@ -5,7 +5,7 @@
       - {at: T1/S1/restabilise, device: chamber, kind: alarm}     # as the step begins
       - {at: 95 min, device: imu, kind: corrupted_bytes, size: 0.2, duration: 5 min}
 
-`CATALOGUE` says what there is. `hil.twin.faults` makes it happen.
+`CATALOGUE` says what there is. `hil.twin.devices` makes it happen.
 """
 
 from collections.abc import Mapping

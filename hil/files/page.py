@@ -29,8 +29,7 @@ _HYPHEN = re.compile(r"(?<![^\s(±])-(?=\d)")
 def rendered(room: str, template: str, content: Mapping[str, Any]) -> str:
     """Return the page that `template` of the package `room` makes of `content`, its `r`; it extends files/page.
 
-    Of the content it takes `title` and `simulated`; on paper a title runs along, and a page that is not `whole` is
-    folded.
+    Of the content it takes `title` and `simulated`; on paper a title runs along, and one that is not `whole` folds.
     """
     environment = Environment(
         loader=PrefixLoader({"room": PackageLoader(room, "."), "files": PackageLoader("hil.files", ".")}),

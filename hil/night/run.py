@@ -151,8 +151,7 @@ def resume_night(
     Steps that are done stay done; a partial collect is taken again and the soak starts over. A self-calibration whose
     samples are damaged is done again as a whole (hil.records.damage). Under a virtual clock
     `down_s` have passed since the last record. Raises `InputError` where the folder holds no night, one that another
-    controller is working on, or one whose bench cannot be put together; `Damaged` where its journal is not what was
-    written.
+    controller is working on, or one whose bench cannot be put together; `Damaged` where its journal is damaged.
     """
     folder, who, said = Path(folder), one_line("--operator", who or user(), NAME), remarks or Remarks()
     refuse_unit(folder)

@@ -20,8 +20,7 @@ from drivers.simulators.serve import DeviceServer
 from hil.config.bench import Bench
 from hil.config.ports import SIMULATED_SCHEME, unit_port
 from hil.errors import InputError, worded
-from hil.twin.devices import SimulatedBench, simulate_devices
-from hil.twin.faults import FaultInjector
+from hil.twin.devices import FaultInjector, SimulatedBench, simulate_devices
 
 SCHEMA = "hil.simulate/1"
 # Windows has no terminals to close.

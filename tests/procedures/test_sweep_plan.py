@@ -78,11 +78,6 @@ def test_the_published_sweep_has_24_self_calibrations_and_72_collects():
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda: SweepProcedure("x", ()), "at least one temperature"),
-        (lambda: SweepProcedure("x", (20.0,), positions=()), "at least one position"),
-        (lambda: SweepProcedure("x", (20.0,), self_calibrations=0), "self-calibration"),
-        (lambda: SweepProcedure("x", (float("nan"),)), "not a temperature"),
-        (lambda: SweepProcedure("x", (20.0,), ramp_degC_per_min=0.0), "ramp_degC_per_min"),
         (lambda: Restabilisation(ceiling_s=60.0), "ceiling_s"),
         (lambda: Restabilisation(band_degC=0.0), "band_degC"),
         (lambda: Restabilisation(at_least_s=-1.0), "at_least_s"),

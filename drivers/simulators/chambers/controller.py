@@ -1,8 +1,7 @@
 """What all simulated chamber controllers share: the air, the state, the faults, and replies that are on their way.
 
 A protocol's simulator cuts requests out of the bytes (`_next_request`), says what they are called (`_name`), carries
-them out (`_carry_out`) and knows how to refuse (`_refused`). It formats and judges by itself, independently of the
-driver.
+them out (`_carry_out`) and knows how to refuse (`_refused`). It formats and judges by itself, without the driver.
 """
 
 import math
