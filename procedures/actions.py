@@ -227,8 +227,7 @@ def rest(watch: Watch, settings: Restabilisation, longest_s: float, *, soaked: b
 
     The setpoint stays commanded, every interlock but the loss of the stream is judged (a pause is for cables), and a
     stop is heard. The soak counts on where readings prove that the air stayed in its band and the unit kept its power;
-    `soaked` says that it was finished before. Raises what a poll raises, and `InterlockTripped` where nobody came back
-    within `longest_s`.
+    `soaked` says that it was finished before. Raises what a poll raises; `InterlockTripped` after `longest_s`.
     """
     asked, setpoint_degC, band = watch.desk.pause, watch.commanded_degC, settings.band_degC
     if asked is None:

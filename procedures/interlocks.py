@@ -135,10 +135,7 @@ class _Rates:
 
 @dataclass(eq=False)
 class Interlocks:
-    """All interlocks of a bench with their memory. `record(kind, message)` receives what begins and what clears.
-
-    Each has a grace, s; one `OF_A_UNIT` ends the night of that unit alone.
-    """
+    """All interlocks of a bench with their memory; `record(kind, message)` receives what begins and what clears."""
 
     settings: InterlockSettings
     limits: ChamberLimits

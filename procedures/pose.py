@@ -64,10 +64,7 @@ class Contradiction:
 
 @dataclass(frozen=True)
 class PoseTable:
-    """The poses of a unit: by position, f along the axes of each of s sensors, shape (s, 3), g.
-
-    `axes` names each sensor's three axes by its number, in the order of those arrays.
-    """
+    """A unit's poses: by position, f along the axes of s sensors, (s, 3), g; `axes` names these by sensor number."""
 
     axes: Mapping[int, Sequence[str]]
     poses: Mapping[str, FloatArray]

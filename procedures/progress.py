@@ -1,7 +1,4 @@
-"""What an onlooker may see of a running sweep: a terminal, a log, nothing.
-
-An onlooker looks; it never decides. One that raises is dropped and the sweep goes on.
-"""
+"""What an onlooker may see of a running sweep; one that raises is dropped, and the sweep goes on."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field

@@ -170,8 +170,7 @@ class Watch:
     def wait(self, until_s: float) -> Iterator[Looks]:
         """Yield a look at each unit that goes on, at each poll, until the clock shows `until_s`.
 
-        At least one poll takes place. Raises `StopRequested`, `InterlockTripped`, and `PauseAsked` where the step is
-        one that a pause interrupts.
+        At least one poll takes place. Raises `StopRequested`, `InterlockTripped`, `PauseAsked` (where one may pause).
         """
         while True:
             remaining_s = until_s - self.now_s

@@ -20,8 +20,7 @@ class ReadingWatch:
     """The readings of one sensor, in the order they were taken: a jump that no air makes, a value that never changes.
 
     One glitch is asked again by the driver. A jump that stays is a sensor, a changed unit or another channel; the watch
-    keeps saying so until the reading comes back to where it was, or somebody has prepared the chamber anew. `device`
-    begins every message.
+    keeps saying so until the reading is back where it was, or the chamber is prepared anew. `device` begins messages.
     """
 
     device: str

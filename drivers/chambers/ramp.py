@@ -1,5 +1,9 @@
 """Ramps: by the controller where it can, otherwise by stepping its setpoint from here, no more often than needed.
 
+    chamber = RampedChamber(chamber, clock, degC_per_min=1.0)
+    chamber.prepare()
+    chamber.set_temperature(60.0)       # the first step; every later reading moves it on
+
 Many controllers keep their setpoint in memory that wears out, so a step is at least 0.5 °C and 30 s from the last one,
 and nothing is written where nothing changes. If the program dies, the chamber holds the last step.
 """

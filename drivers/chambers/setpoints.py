@@ -2,8 +2,7 @@
 
 A setpoint is checked against the bench's limits, then rounded to what the controller can hold, then checked again,
 and only then sent; what the controller says afterwards must agree within half of its resolution. The chamber's own
-limits are the second safety layer, and the order in which they are written matters: a controller refuses a setpoint
-beyond its present limits.
+limits are the second safety layer, written in an order that fits: it refuses a setpoint beyond its present limits.
 
     >>> target = representable_setpoint(-29.72, ChamberLimits(-35.0, 65.0), resolution_degC=0.1)
     >>> target

@@ -1,5 +1,10 @@
 """The chamber that procedures see, over any `Controller`: what every driver must do, done once.
 
+    asks = Supervision(ChamberLimits(-35.0, 65.0), SafeState("hold", 25.0))
+    chamber = SupervisedChamber(SetpointBox(transport, clock, box), clock, asks)
+    chamber.prepare()
+    chamber.set_temperature(-29.72)       # -29.7 on the wire, read back and compared
+
 Model and unit are confirmed before anything is written, and the unit again with every setpoint. Setpoints are checked
 against the bench's limits before and after rounding. Native limits are written in the order that never excludes the
 setpoint. Writes are sent once, counted, and read back. Alarms are polled and latched: once seen they stay in every

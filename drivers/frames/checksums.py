@@ -152,8 +152,7 @@ class Crc:
     left by byte i followed by zeros, and C the CRC of the all-zero message. One table per position turns the check of n
     frames into one gather per byte over all frames, and of the few that a poll brings into one gather of all their
     bytes. Zero padding (STIM300) and unequal reflection of input and output are linear too, so that they fold into the
-    tables. Registers are kept with their lowest bit first, whatever the CRC's own order is: where its input is not
-    reflected, the bytes are.
+    tables. Registers are kept with their lowest bit first; where the CRC's input is not reflected, the bytes are.
     """
 
     def __init__(self, kind: CrcKind, length: int) -> None:

@@ -40,8 +40,7 @@ class FrameSequence:
 
     A frame whose counter did not move repeats the one before it: it is counted and left out. A counter that moved by
     more than one step means lost frames; outages of a whole turn of the counter and more cannot be seen in it, and are
-    resolved by arrival time elsewhere. Without a counter, the unit's own time tells, and without that, frames are
-    numbered on.
+    resolved by arrival time elsewhere. Without a counter the unit's own time tells; without either, frames count on.
     """
 
     def __init__(self, frame: FrameDescription, rate_hz: float) -> None:

@@ -69,12 +69,11 @@ Length = Annotated[
 class FrameDescription(Section):
     """One frame type. `length` counts every byte on the wire, from the sync to the delimiter.
 
-    The header is the stream's `sync` followed by this frame's `id` (or one of `more_ids`, which mean the same frame).
-    In an id, `xx` is any byte.
-    The checksum stands right before the delimiter unless it says otherwise. A frame of `items` or `text` has the fields
-    that it has; every other one has fields at fixed places. A sample of `parts` has the fields of these frames, put
-    together in this order, or `by` the field that is the same in all of them. A line of text without a delimiter ends
-    with LF or CR LF.
+    The header is the stream's `sync` followed by this frame's `id` (or one of `more_ids`, which mean the same frame);
+    in an id, `xx` is any byte. The checksum stands right before the delimiter unless it says otherwise. A frame of
+    `items` or `text` has the fields that it has; every other one has fields at fixed places. A sample of `parts` has
+    their fields, put together in this order, or `by` the field that is the same in all of them. A line of text without
+    a delimiter ends with LF or CR LF.
     """
 
     id: HexHeader = Header(())

@@ -1,8 +1,7 @@
 """What the fields are for: which is the rate of which sensor, which the temperature, and which tell of the stream.
 
 The rest of the project asks for rates in deg/hr, accelerations in g and temperatures in °C. A description gives them so
-(`scale: 3600*2^-14, unit: deg/hr`), and a field with another unit in such a role is refused: nothing is converted
-silently.
+(`scale: 3600*2^-14, unit: deg/hr`), and a field with another unit in such a role is refused, never converted.
 """
 
 from collections.abc import Iterable, Mapping
@@ -54,9 +53,8 @@ class SensorRole(Section):
     """Which decoded fields belong to one sensor.
 
     `rates` maps channel name (RA, RB, GX …) to field name, deg/hr; `accelerations` maps sensor axis (A, B, S, X …)
-    to field name, g; `temperature` is the unit's own sensor, °C, or None where there is none. `conditions` maps the
-    campaign columns that belong to this sensor alone (`spin_period_us`) to field names. `at_rest` says what the rates
-    of a sound unit are.
+    to field name, g; `temperature` is the unit's own sensor, °C, or None where there is none. `conditions` maps
+    the campaign columns that belong to this sensor alone (`spin_period_us`) to field names.
     """
 
     rates: dict[str, str] = Field(min_length=1)

@@ -28,10 +28,7 @@ def _view(rows: Rows, offset: int, dtype: str) -> NDArray[Any]:
 
 
 def read_column(rows: Rows, offset: int, kind: str, order: ByteOrder) -> NDArray[Any]:
-    """Return the wire values of a column, shape (n,), of the smallest native type that holds them.
-
-    `kind` is u, i or f and the number of bits (u8, i24, f32, u40), or fp12.20 or fp16.32.
-    """
+    """Return a column's wire values, (n,), in the smallest native type; `kind`: u8, i24, f32, u40, fp12.20."""
     native = native_type(kind, order)
     if native is not None:
         return _view(rows, offset, native)

@@ -1,4 +1,10 @@
-"""The IMU driver: any unit whose stream has a frame description, and the index of a unit that can turn itself."""
+"""The IMU driver: any unit whose stream has a frame description, and the index of a unit that can turn itself.
+
+imu = StreamImu(open_port("/dev/ttyUSB0", clock=clock, baudrate=115200), description, clock)
+imu.identify()
+IndexingPositioner(imu, clock, {"1": 1, "2": 2, "3": 3}).move_to("2", timeout_s=60.0)
+block = imu.read_block()
+"""
 
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass, field, replace

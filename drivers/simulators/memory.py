@@ -1,7 +1,4 @@
-"""A transport to a simulated device in the same process, under any clock.
-
-Under a virtual clock a read that must wait jumps to the moment at which the device sends, or to its deadline.
-"""
+"""A transport to a simulated device in this process; under a virtual clock, a read that must wait jumps ahead."""
 
 from drivers.clock import Clock
 from drivers.errors import TransportError

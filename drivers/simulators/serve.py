@@ -127,10 +127,7 @@ class _TcpLine:
 
 @dataclass(eq=False)
 class DeviceServer:
-    """Serves devices by name: on a pseudo-terminal each, or on the TCP port that `tcp_ports` gives (0: any free one).
-
-    An exception in a device ends the loop.
-    """
+    """Serves devices by name, until one raises: on a pseudo-terminal each, or on `tcp_ports` (0: any free one)."""
 
     devices: Mapping[str, SimulatedDevice]
     clock: Clock

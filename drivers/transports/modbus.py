@@ -86,9 +86,8 @@ class ModbusExchange:
     def write(self, address: int, value: int) -> bool:
         """Send one register (function 6) once; return whether it was acknowledged.
 
-        False means that nobody knows whether it was carried out: read back. Raises `CommandRefused` for an exception
-        reply, `TransportError` where it could not be sent, and `ValueError` for what no 16-bit register holds. Negative
-        values are two's complement.
+        False means that nobody knows whether it was carried out: read back. Negative values are two's complement.
+        Raises `CommandRefused` for an exception reply, `TransportError` where unsent, `ValueError` beyond 16 bits.
         """
         return self._write(WriteSingleRegisterRequest(address=address, registers=[_register(value)], dev_id=self.unit))
 

@@ -250,10 +250,7 @@ def _labels_digest(campaign: Campaign) -> str:
 
 
 def found_archive(archive: Path, *, new: bool = False) -> None:
-    """Make the archive where it is `new`, else also over the units' folders of one that has lost its mark.
-
-    Raises `InputError` for a folder that holds something else.
-    """
+    """Make an archive, also (unless `new`) over units' folders that lost their mark; `InputError` over others."""
     if (archive / MARK).is_file():
         return
     unfinished = archive / f"{PARTIAL}{MARK}"  # of somebody who was killed here

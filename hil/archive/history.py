@@ -4,8 +4,7 @@ What all temperatures have in common is looked at first: a calibration's shift a
 of each temperature in all of them. That tells a drift from a jump (`hil.archive.trend`). Values are brought to the
 temperature at which the unit usually was, by its own dependence on it, so that a chamber that stood half a degree
 elsewhere is no jump; and where a jump differs between temperatures, it is said that the dependence has changed.
-A mean that holds a run that is INCONCLUSIVE or FAIL tells nothing of the unit, as everywhere; a calibration with no
-other is only listed.
+A mean with a run that is INCONCLUSIVE or FAIL tells nothing of the unit; a calibration with no other is only listed.
 """
 
 from __future__ import annotations

@@ -197,7 +197,10 @@ class ReadableImu(_Device):
 
 @contextmanager
 def bluesky_devices(bench: Bench) -> Iterator[tuple[MovableChamber, ReadableImu]]:
-    """Give a bench's chamber and unit, and close it. Raises as `build_bench`, and `InputError` for several units."""
+    """Open a bench of one unit; give its chamber and its unit, and close it.
+
+    Raises as `build_bench` does, and `InputError` where the bench lists several units.
+    """
     if bench.units:
         raise InputError(
             f"{bench.source}: units: Bluesky is lent a bench of one unit; this one lists {len(bench.units)}"

@@ -2,8 +2,7 @@
 
 A counter that is described wrongly gives good frames with a false account of what is missing, which is said in words.
 The file is read in chunks, so that memory does not grow with it; with `out` it is read twice, the first time to know
-which fields occur. Columns are those of the description, in its units: the time, place in the file and number of each
-frame come first.
+which fields occur. Columns: time, place in the file and number of each frame, then the description's, in its units.
 """
 
 from __future__ import annotations

@@ -180,10 +180,7 @@ class Bench(WholeFile):
         return self.simulation is not None
 
     def of_unit(self, serial: str) -> Bench:
-        """Return the bench with the unit whose serial number somebody read; raise `InputError` for an impossible one.
-
-        A bench file that names another is not overruled.
-        """
+        """Return the bench with the serial number that somebody read; `InputError` where the bench names another."""
         if not _LABEL.fullmatch(serial):
             raise InputError(f"{serial[:80]!r} is no serial number: one line of at most {NAME} plain characters")
         if self.unit.serial not in ("", ASK, serial):
@@ -267,4 +264,9 @@ class Bench(WholeFile):
             return find_config(kind, name, beside)
 
 
-parse_bench, load_bench = Bench.parse, Bench.load
+parse_bench = Bench.parse
+
+
+def load_bench(name: str | Path) -> Bench:
+    """Read a bench file, by path or by the name of one that ships with hil; raise `InputError` in one sentence."""
+    return Bench.load(name)

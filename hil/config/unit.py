@@ -31,10 +31,7 @@ def labels(value: object) -> object:
 
 
 class UnitSection(Section):
-    """The unit under test as its label says; the controller refuses another one.
-
-    `serial: ask` has whoever begins a night type or scan it, where the unit does not tell its own.
-    """
+    """The unit as its label says, no other is accepted; `serial: ask`: whoever begins a night types or scans it."""
 
     model: str
     serial: Annotated[str, AfterValidator(str.strip)]

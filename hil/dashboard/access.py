@@ -95,11 +95,7 @@ class Access:
         return is_loopback(self.host) or self.may_ask(headers)
 
     def is_addressed(self, host_header: str) -> bool:
-        """Tell whether the Host header names this server.
-
-        A page of another site whose name was made to point here (DNS rebinding) sends that name. An IP address as the
-        host cannot be such a name.
-        """
+        """Tell whether the Host header names this server or is an IP address: DNS rebinding sends neither."""
         parts = _HOST.fullmatch(host_header)
         if parts is None:
             return False

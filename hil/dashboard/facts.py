@@ -69,10 +69,7 @@ class NightFacts:
         return {**self._parts, **self._curves.whole()}
 
     def look(self, stamp: Stamp | None = None) -> Part:
-        """Look again and return the parts that changed; `stamp` is `recorded` from before the journal was opened.
-
-        Raises `InputError` where the journal cannot be read.
-        """
+        """Return the parts that changed (`stamp`: `recorded` from before opening); `InputError` if unreadable."""
         fresh: Part = {}
         if (stamp := stamp or self.recorded) != self.stamp:
             self._owner = stamp[-1]

@@ -90,10 +90,7 @@ class Watcher:
         return self.frame(changed), self.frame(self.whole()) if everything else b""
 
     def look(self) -> Mapping[str, Part]:
-        """Look at every night; return by night what changed since the last time.
-
-        Raises `InputError` where the root folder has gone; a night that cannot be read is a change like others.
-        """
+        """Return by night what changed since the last time; `InputError` where the root folder has gone."""
         self._discover()
         changed: dict[str, Part] = {}
         of_one = dict[Path, list[NightFacts]]()  # a night and its units

@@ -27,10 +27,7 @@ from procedures.words import counted
 
 @dataclass(frozen=True)
 class Columns:
-    """A table's columns of numbers, (n,) each, with the units that it states; `simulated` where it says so.
-
-    `texts` holds its columns of words, (n,) each, empty where a cell is.
-    """
+    """A table's columns, (n,) each: of numbers with their units, of words (`texts`); `simulated` if it says so."""
 
     path: Path
     values: Mapping[str, NDArray[np.float64]]

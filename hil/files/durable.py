@@ -1,8 +1,7 @@
 """File operations that survive a power failure, in one place so that a test can make each of them fail.
 
 A file or folder appears whole or not at all: it is written under a temporary name in the same folder, synchronised,
-renamed, and the folder is synchronised, in this order. What a crash leaves behind has a name that begins with
-`.partial-`.
+renamed, and the folder is synchronised, in this order. What a crash leaves behind is called `.partial-…`.
 """
 
 import contextlib
@@ -155,10 +154,7 @@ def whole_or_nothing(target: Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def whole_file(target: Path) -> Iterator[Path]:
-    """Give a temporary name on the same disk for a file that becomes `target` if nothing is raised, and goes otherwise.
-
-    Raises `InputError` where it cannot be made.
-    """
+    """Give a temporary name for what becomes `target` if nothing is raised; `InputError` where none can be."""
     partial = target.with_name(f"{PARTIAL}{target.name}-{os.getpid()}")
     _clear_away(target.parent, target.name)
     try:

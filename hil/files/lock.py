@@ -69,8 +69,7 @@ def refuse_without_locks() -> None:
 class LockFile:
     """A lock that is held by at most one process at a time, and by one object within a process.
 
-    `refusal` says in one sentence why it cannot be had: what stands before and after its owner; `shared` lets every
-    user of the machine take it.
+    `refusal`: what stands before and after the owner where it cannot be had; `shared`: every user may take it.
     """
 
     def __init__(self, path: Path, refusal: tuple[str, str], *, what: str = "", shared: bool = False) -> None:

@@ -1,7 +1,4 @@
-"""Pages for people, one HTML file in one design, light or dark, pictures inside it; and texts without markup.
-
-Templates stand beside the code that fills them.
-"""
+"""Pages for people, one HTML file in one design, light or dark, pictures inside it; and texts without markup."""
 
 from __future__ import annotations
 

@@ -1,7 +1,6 @@
 """Processes that share work: units of a fleet to read and weigh, nights to draw.
 
-They end with the one that they work for, however that ends, and at once where it gives the work up. Only that one hears
-a terminal.
+They end with the one that they work for, however that ends, and at once where it gives up; it alone hears a terminal.
 """
 
 import os
@@ -25,10 +24,7 @@ Map = Callable[[Callable[[Any], Any], Iterable[Any]], Iterator[Any]]
 
 @contextmanager
 def processes(count: int) -> Iterator[Map]:
-    """Give what carries a function out over many things, in their order, by processes that share the work.
-
-    They end with it, and at once where it is given up. One alone is this process.
-    """
+    """Give what maps a function over things, in order, by processes that end with it; one alone is this process."""
     if count == 1:
         yield map
         return

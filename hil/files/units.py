@@ -9,8 +9,7 @@
     >>> to_number("3 degC/min", SLOPE)  # °C/min
     3.0
 
-A number without its unit is refused, and so is a unit of another kind: "45 kg" is not a time. Nothing behind this
-boundary knows pint.
+A number without its unit is refused, and so is a unit of another kind: "45 kg" is no time. Only this file knows pint.
 """
 
 from __future__ import annotations

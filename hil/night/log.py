@@ -45,10 +45,7 @@ def lines_to(stream: TextIO, clock: Clock, who: str) -> Listener:
 
 
 class NightLog:
-    """The log file of a night, appended to. Close it.
-
-    A file of `largest` bytes becomes log.jsonl.1, that one log.jsonl.2, and so on; the one after the `kept` is deleted.
-    """
+    """The log file of a night: one of `largest` bytes becomes .1, that .2, and so on to `kept`. Close it."""
 
     def __init__(
         self, folder: Path, clock: Clock, who: str, *, largest: int = 10_000_000, kept: int = LOG_KEPT

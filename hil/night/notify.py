@@ -50,10 +50,7 @@ def send(address: str, title: str, text: str) -> None:
 
 @dataclass(eq=False)
 class Notifier:
-    """Tells whoever the section names. Close it.
-
-    `subject` begins every title. `failed` hears of failures, in the thread that calls `tell` or `close`.
-    """
+    """Tells whoever is named, each title begun by `subject`; `failed` hears, in the calling thread. Close it."""
 
     section: NotifySection | None
     subject: str

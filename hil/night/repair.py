@@ -36,8 +36,7 @@ from procedures.words import counted
 def repair_night(folder: Path, out: Path, who: str = "") -> dict[str, Any]:
     """Write what is proven of the night in `folder` into the new folder `out`; return the document hil.repair/1.
 
-    Raises `InputError` where the folder holds no night, somebody is at work there, or `out` is not new; `Damaged` where
-    not even the plan is proven.
+    Raises `InputError` where there is no night, or somebody at work, or `out` is not new; `Damaged` without a plan.
     """
     journal_of(folder)
     if (owner := living_owner(folder)) is not None:

@@ -58,8 +58,7 @@ class Patience:
     def after_silence_s(self, asked_for_s: float = 0.0) -> float:
         """How long after the last heartbeat of a hung controller a chamber that answers is in its safe state, at most.
 
-        The silence that is borne and the one that the controller asked for, the time to end when asked, and then what
-        a death takes.
+        The silence borne and the one that the controller asked for, the time to end when asked, what a death takes.
         """
         return self.timeout_s + asked_for_s + self.look_s + self.term_s + self.after_death_s
 

@@ -90,10 +90,7 @@ class Samples:
 
 
 class BlockWriter:
-    """Writes the blocks of one night, as its only writer: unfinished ones that a crash left are removed.
-
-    `meanings` says what the decoded fields of each unit are, by their names.
-    """
+    """The only writer of a night's blocks: removes what a crash left; `meanings`: each unit's fields, by name."""
 
     def __init__(self, folder: Path, *, simulated: bool, keep_raw: bool = True) -> None:
         self._folder = folder

@@ -243,8 +243,7 @@ def snapshot_of(live: Mapping[str, Any], steps: Mapping[str, Step]) -> Snapshot 
 class TraceReader:
     """Reads what was added to a night's trace since the last time, at most so many rows at once.
 
-    `columns` is empty until there is a trace. A trace that was begun anew is read from its beginning; `begun_anew` then
-    is True after that call.
+    `columns` is empty until there is a trace. One that was begun anew (`begun_anew` after that call) is read anew.
     """
 
     def __init__(self, folder: Path) -> None:

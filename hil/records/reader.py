@@ -1,7 +1,4 @@
-"""Reading a journal, also from another process while the controller writes it.
-
-Nothing here changes a night. Inside `snapshot` all reads see the same instant.
-"""
+"""Reading a journal, also while the controller writes it: nothing here changes it; `snapshot` is one instant."""
 
 from __future__ import annotations
 
@@ -371,10 +368,7 @@ def _proven(folder: Path) -> Iterator[JournalReader]:
 
 @contextmanager
 def proven_once(night: Path) -> Iterator[None]:
-    """Let everything that this thread reads of a night within, of whichever unit, be one instant that is proven once.
-
-    Where the journal cannot be understood, whoever reads it is told.
-    """
+    """Let what this thread reads of a night, of any unit, be one instant that is proven once, where it can be."""
     with ExitStack() as held:
         held.callback(setattr, _once, "journal", getattr(_once, "journal", None))
         with suppress(InputError):

@@ -58,10 +58,7 @@ def made_safe(folder: Path) -> str:
 
 
 def troubles(night: Night, events: Sequence[Event], last_s: float, trying: str) -> tuple[list[str], list[str]]:
-    """Return what stands `last_s` after the beginning, and what does not stand any more.
-
-    `trying` is the key of the step that is going on, or is to be tried again; empty where none is.
-    """
+    """Return what stands at `last_s`, and what stands no more; `trying`: the key of the step under way, or empty."""
     standing: dict[str, Event] = {}
     over: dict[str, str] = {}
     for event in events:

@@ -41,10 +41,7 @@ _EXCHANGED_IN_S = 8.0
 
 @dataclass(frozen=True)
 class SimulatedBench:
-    """The chamber's device and every unit's, by the unit's name, and what they share.
-
-    Tests look into `unit` for the truth and inject faults into the devices.
-    """
+    """The devices of the chamber and, by name, of every unit, and what they share; `unit` is the truth, for tests."""
 
     imus: Mapping[str, SimulatedImu]
     chamber: SimulatedController

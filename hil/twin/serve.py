@@ -30,10 +30,7 @@ _HOST = "127.0.0.1"
 
 @dataclass(frozen=True)
 class Simulation:
-    """Devices that are being served: what a client opens, by device, and the devices themselves.
-
-    A device is imu, or of several units imu-SERIAL; or chamber.
-    """
+    """What a client opens, by device (chamber; imu, or of several units imu-SERIAL), and the devices served."""
 
     bench: Bench
     ports: Mapping[str, str]
@@ -41,10 +38,7 @@ class Simulation:
 
 
 def serve_bench(bench: Bench, announce: Callable[[str], None], *, tcp: bool = False) -> None:
-    """Serve a bench's devices until SIGINT, SIGTERM or SIGHUP; `announce` gets one JSON line that says where.
-
-    Only the main thread can do this. Raises `InputError` as `serving` does.
-    """
+    """Serve, in the main thread, until a signal ends it; one JSON line tells where. Raises as `serving` does."""
     with serving(bench, tcp=tcp) as (server, simulation):
         former = {number: signal.signal(number, lambda *_: server.interrupt()) for number in _SIGNALS}
         try:

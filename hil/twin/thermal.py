@@ -4,8 +4,7 @@
     d rotor / dt = (case - rotor) / tau_rotor
 
 A new setpoint reaches the rotor as the classical two-lag response: 45 minutes after the air began to move by 15.3 °C at
-3 °C/min, 1.6 °C are still missing with 12 and 10 minutes. The time constants are assumed: the report gives none, only
-its 45 minutes.
+3 °C/min, 1.6 °C are still missing with 12 and 10 minutes. The time constants are assumed; the report has only the 45.
 
 A spinning rotor is warmer than its case. The report's tables, and so the model file, are in terms of the temperature
 of a soaked, spinning unit; the rotor temperature here is in the same terms. A unit that has just spun up therefore

@@ -9,8 +9,7 @@ point before it, along the slope, plus white noise. The rates are R = B + K·f +
 
 The model's named effects add terms to the mean, and scatter; both may depend on anything that a campaign knows. Terms
 may depend on the past (hysteresis, a setpoint's step, the positions before), so they are evaluated in groups of grid
-points, five minutes each, with a history of one row for every stay and every group before. Each grid point stands for
-the mean over its 5 s.
+points, five minutes each, with a history of one row per stay and group before. A grid point is the mean over its 5 s.
 """
 
 from __future__ import annotations

@@ -1,5 +1,8 @@
 """A chamber that is described in a file (`.description`), for which nobody has written a driver.
 
+    controller = SetpointBox(transport, clock, load_box("my-box.yaml"))
+    chamber = SupervisedChamber(controller, clock, Supervision(limits=limits, safe=safe))
+
 What every driver does is done here too: model and unit confirmed before anything is written where the box can tell
 them, limits, read-back, alarms, the safe state. Nothing is verified byte-exact by itself and everything is inferred:
 the description's key `verified` says what was seen. A reply that is a bare number does not say what it answers: after a

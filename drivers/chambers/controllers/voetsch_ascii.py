@@ -1,5 +1,8 @@
 r"""Vötsch and Weiss chambers over ASCII-2 (`$00I`, `$00E`): VT 4002, VT 4004, VT 7004 and their relatives.
 
+    controller = VoetschAscii(transport, clock, limits=limits)
+    chamber = SupervisedChamber(controller, clock, Supervision(limits=limits, safe=safe, celsius_confirmed=True))
+
 One request reads everything: pairs of nominal and actual value, then the digital bits; one writes everything: all
 nominal values and all digital bits. What is not ours is written back as it was read. A setpoint works while the start
 bit and the bit of the temperature channel are both set. How many values there are, in which order, and what the bits
@@ -12,8 +15,7 @@ Inferred: that a gradient of 0 means none, that `$00P0000` with nothing running 
 not carried out is not answered with `0`. The protocol tells neither model nor unit, nor whether a program runs; it has
 no timer that stops a chamber left alone, and no limits of its own: the chamber's adjustable temperature limiter is the
 second safety layer, set it by hand. Line: 9600 baud, 8N1, CR; TCP port 1080 or 2049 on newer ones. Values in tenths of
-°C; reply awaited 1.5 s, pause 0.2 s. A late reply would bring old bits back: after a request without one the line is
-listened to for 3 s.
+°C; reply awaited 1.5 s, pause 0.2 s. Late replies hold old bits: 3 s of listening follow a request without one.
 """
 
 from dataclasses import dataclass
