@@ -158,8 +158,7 @@ def near(word: str, allowed: Sequence[str]) -> str:
 def first_mistake(error: ValueError, document: object) -> str:
     """Return the first thing that is wrong with `document` as one sentence that begins with its key.
 
-    A key that nobody knows comes before one that is missing: the one is often the other, misspelt. What no model of
-    the document says is a sentence already.
+    An unknown key comes before a missing one: often it is that one, misspelt. What no model says is a sentence.
     """
     if not isinstance(error, ValidationError):
         return str(error)

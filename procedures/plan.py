@@ -1,7 +1,6 @@
 """A sweep is a list of steps: pure data, made once from the sweep file.
 
-The same list is the dry run, the estimated finishing time, the run, the resume and the proof of completeness. Nothing
-else decides what happens next.
+One list is dry run, estimated finishing time, run, resume and proof of completeness: nothing else decides what is next.
 
     >>> plan = make_plan(SweepProcedure(title="At 40 °C", temperatures_degC=(40.0,), positions=("1", "2")))
     >>> [step.key for step in plan.steps][:5]

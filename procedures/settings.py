@@ -133,9 +133,8 @@ class SweepProcedure:
 class Polling:
     """How often the bench is looked at.
 
-    `interval_s` is the chamber's; `read_interval_s` drains the stream and must be short enough that a live serial
-    buffer (4 kB) does not overflow. On simulated devices under the virtual clock both may be tens of seconds. Raises
-    `ValueError` where a number is impossible.
+    `interval_s` is the chamber's; `read_interval_s` drains the stream so often that no live serial buffer (4 kB)
+    overflows. Under the virtual clock both may be tens of seconds. Raises `ValueError` for the impossible.
     """
 
     interval_s: float = 5.0

@@ -40,8 +40,7 @@ _TICK_S = 1e-6  # sleeping for less may not move a clock at all
 class Watch:
     """Looks at the bench and tells everybody. Campaign time counts from the UTC instant `began`, also across a resume.
 
-    `control` is where people's requests come from; `vital` tells a watchdog that the controller lives; `disk_free_mb`
-    says how much room the records have.
+    `control`: where people's requests come from; `vital` tells a watchdog of life; `disk_free_mb`: the records' room.
     """
 
     devices: BenchDevices

@@ -81,9 +81,8 @@ class NativeLimits:
     def around(self, setpoint_degC: float, air_degC: float) -> Settings:
         """Return what to write with a setpoint while the air is at `air_degC`.
 
-        A limit that raises an alarm, and that the air is still beyond (a chamber found hot, a bench warmer than the
-        room), would do so at once: it is kept `margin_degC` beyond the air, and tightened with a later setpoint. A
-        broken sensor widens nothing.
+        A limit that alarms, and that the air is still beyond (a chamber found hot, a bench warmer than the room), would
+        do so at once: it is kept `margin_degC` beyond the air till a later setpoint; not for a broken sensor.
         """
         low, high = self._usual
         if self.controller.limits_alarm and _is_possible(air_degC):

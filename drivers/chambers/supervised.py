@@ -188,8 +188,7 @@ class SupervisedChamber:
         """Bring the chamber to the bench file's safe state, trying as often as a read is tried.
 
         May be called at any time, before `identify` and after any error. What already is safe is left alone. What
-        counts is what is read at the end. Raises the last `DeviceError`, saying that somebody must go there, where
-        the state could not be confirmed.
+        counts is what is read at the end. Raises the last `DeviceError` where that is not safe: somebody must go there.
         """
         self._dead_man.rest()
         self._begin()

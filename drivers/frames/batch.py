@@ -59,8 +59,7 @@ class FrameBatch:
 class VariedBatch(FrameBatch):
     """Good frames of one type in several forms, of other lengths or with other items; or samples of several frames.
 
-    `parts` are the frames of each form (or each part of a sample), and `places` where each part's frames stand in the
-    batch. `layout` is the samples' own.
+    `parts` are the frames of each form (or part of a sample), `places` where they stand; `layout` is the samples' own.
     """
 
     def __init__(

@@ -37,11 +37,9 @@ class _Checksum(Section):
     """What every kind has. Positions count from the frame's first byte.
 
     `span` is [first byte covered, first byte no longer covered], or a list of such parts and of constant bytes that are
-    not sent, covered one after another; an end of null is the checksum, and behind the checksum the delimiter. Without
-    a span, everything from the sync to the checksum is covered.
-    `at` is where the checksum stands; without it, right before the delimiter. With `confirm`, a frame that does not
-    follow a good one directly is believed only where the next header follows it, or where its counter goes on: so weak
-    a checksum matches by chance.
+    not sent, one after another; an end of null is the checksum, and behind that the delimiter. Without a span it covers
+    all from the sync to the checksum. `at` is where the checksum stands; without it, right before the delimiter. With
+    `confirm`, a frame that no good one precedes is believed only where the next header follows or its counter goes on.
     """
 
     span: Annotated[tuple[Part, ...] | None, BeforeValidator(_one_or_several)] = None

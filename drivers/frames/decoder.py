@@ -169,8 +169,7 @@ class StreamDecoder:
     """Decodes one stream. How the stream is cut into feeds changes neither the frames nor the counts.
 
     An incomplete frame is kept for the next feed. Where nothing more arrives for `partial_frame_wait_s` it is given up,
-    byte by byte, so that a false header cannot hold back the good frames behind it. A frame that waits for confirmation
-    is then taken: nothing speaks against it.
+    byte by byte, lest a false header hold back good frames behind it; one that waits for confirmation is taken.
     """
 
     def __init__(self, description: StreamDescription) -> None:

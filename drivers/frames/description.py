@@ -72,8 +72,7 @@ class FrameDescription(Section):
     The header is the stream's `sync` followed by this frame's `id` (or one of `more_ids`, which mean the same frame);
     in an id, `xx` is any byte. The checksum stands right before the delimiter unless it says otherwise. A frame of
     `items` or `text` has the fields that it has; every other one has fields at fixed places. A sample of `parts` has
-    their fields, put together in this order, or `by` the field that is the same in all of them. A line of text without
-    a delimiter ends with LF or CR LF.
+    their fields, in this order, or `by` the field that is the same in all. Text without a delimiter ends with (CR) LF.
     """
 
     id: HexHeader = Header(())

@@ -157,8 +157,7 @@ class FrameLayout:
     def store(self, rows: Rows, field: str, values: ArrayLike) -> None:
         """Write a numeric field of n frames from values in its unit, shape (n,) or one for all.
 
-        Integers are rounded to the nearest and held at the end of their range, as a converter saturates. NaN in an
-        integer field raises `ValueError`.
+        Integers are rounded and held at the end of their range, as a converter saturates; `ValueError` for NaN.
         """
         found = self.numeric[field]
         wire, factor, kind = np.asarray(values), self.factor(field), str(found.type)

@@ -236,8 +236,7 @@ class SampleClock:
         """Return the times of n ≥ 1 frames that had arrived by `arrival_s`, shape (n,), s, never decreasing.
 
         `sequence` is their unwrapped counter in frames. The second value corrects the number of lost frames: whole
-        turns of the counter that passed unseen in an outage (positive), or frames that only a counter that began anew
-        seems to have skipped (negative).
+        turns of the counter unseen in an outage (positive), or what only a counter begun anew seems to skip (negative).
         """
         self._follow(int(sequence[-1]), arrival_s)
         self.anew = self._offset_s is None

@@ -70,9 +70,8 @@ Returns True where the operator confirms, False where they refuse, None where no
 class OperatorPositioner:
     """A `Positioner` that asks an operator. The position is unknown until, and unless, it is confirmed.
 
-    `instructions` says per position how the unit is to lie; where it is given, other positions are refused. Positions
-    are asked for every time, also the one in which the unit already lies: seating it anew is the point. `hands` turn a
-    simulated unit, which nobody else can.
+    `instructions` says per position how the unit is to lie; where it is given, other positions are refused. Every
+    position is asked for, also that in which the unit lies: seating anew is the point. `hands` turn a simulated unit.
     """
 
     ask: AskOperator

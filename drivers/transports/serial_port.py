@@ -1,8 +1,7 @@
 """A serial port, or a serial server over TCP, as a transport.
 
-The URL is a device path, `socket://host:port` or `rfc2217://host:port`, whatever pyserial opens. A port is opened for
-us alone. A port that failed (unplugged, connection lost) is opened again by the next call, so that whoever retries
-survives a cable that came loose.
+The URL is a device path, `socket://host:port` or `rfc2217://host:port`, whatever pyserial opens. It is opened for us
+alone, and again by the next call after it failed (unplugged, connection lost): whoever retries survives a loose cable.
 """
 
 import errno

@@ -1,8 +1,4 @@
-"""Bytes to and from a device, with deadlines.
-
-Everything that talks to a device talks through a `Transport`, so a serial port, a TCP socket and a simulated device
-in memory are interchangeable.
-"""
+"""Bytes to and from a device, with deadlines: of a serial port, a TCP socket, a simulated device in memory."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable

@@ -152,8 +152,7 @@ def read_entry(archive: Path, entry: str) -> tuple[dict[str, Any], Campaign, Map
 def life(archive: Path, names: list[str]) -> Campaign:
     """Return a unit's campaigns as one, in the order of time: runs are numbered on, times are those of the calendar.
 
-    What comes with age shows in it, and in no single night. Raises `InputError` as `read_entry` does, and where the
-    sensors are not the same in all of them.
+    Age shows in it, and in no single night. Raises `InputError` as `read_entry`, and where sensors differ.
     """
     if not names:
         raise InputError(f"{archive}: no calibration of this unit tells anything of it")

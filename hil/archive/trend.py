@@ -168,8 +168,7 @@ def control_limits(earlier: FloatArray, sd: FloatArray, own_sd: float, freedom: 
     """Return where the next of a unit's values should be by its own earlier ones (m,), None for fewer than three.
 
     A chart of single values (Shewhart), each weighed by its standard deviation (m,); the next has its `own_sd`. How
-    many times these what is seen is, one at least, neighbours tell, so that a slow drift does not widen it. Of few
-    values it is known badly, and wide.
+    many times these it is, one at least, neighbours tell, so a slow drift widens nothing. Of few values it is wide.
     """
     count = len(earlier)
     if count < LEAST - 1:

@@ -48,9 +48,8 @@ class ImuSection(Section):
     """The IMU's port and stream, and who turns the unit. Baud and rate are the description's where they are not given.
 
     `parameters` are what the description asks for and the stream does not tell (a range, a unit of the rates). `codes`
-    are the unit's own numbers for the positions (position "3" is its number 3 where nothing is said), and
-    `instructions` tell an operator how the unit lies at each. `positioner_options` are what a positioner that another
-    distribution brings is made with.
+    are the unit's own numbers for the positions ("3" is 3 where nothing is said), and `instructions` tell an operator
+    how the unit lies at each. `positioner_options` are for a positioner from another distribution.
     """
 
     description: str

@@ -1,9 +1,8 @@
 """A recorded night computed again from its raw bytes: every average, to the last digit.
 
 The bytes are decoded with the frame description that the night had, compared column by column with the stored samples,
-and reduced by the function that the bench used; what is solved from the same averages is the same. What cannot come out
-of bytes is taken as recorded: the times of the samples, the duration of the collect, and what the driver counted. Equal
-means equal: there is no tolerance.
+and reduced by the function that the bench used; what is solved from the same averages is the same. Taken as recorded is
+what no bytes hold: the times of the samples, the duration of the collect, and what the driver counted. No tolerance.
 """
 
 from __future__ import annotations

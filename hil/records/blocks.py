@@ -4,8 +4,7 @@
     blocks/00012-T1_S2_C3_collect-1.raw.zst    the bytes as they arrived, Zstandard (the `zstd` program opens it)
 
 A block is written and made durable before the journal names it. A block that no journal row names is what a crash
-between the two leaves behind, of an attempt that never ended: harmless, and `hil verify` says so. Blocks are never
-changed, and no name is used twice.
+between the two leaves behind, of an attempt without an end: harmless. Blocks are never changed, no name used twice.
 """
 
 import errno
@@ -103,8 +102,7 @@ class BlockWriter:
     def write(self, step: Step, attempt: int, samples: SampleBlock) -> tuple[Block, ...]:
         """Make the samples (times in seconds of the campaign) and raw bytes of a collect durable.
 
-        Returns what the journal must commit. Raises `OSError` where the disk is full or read-only: nothing then
-        stands under the block's name.
+        Returns what the journal must commit. After `OSError` (full, read-only) nothing has the block's name.
         """
         if not (self._folder / BLOCKS).is_dir():
             (self._folder / BLOCKS).mkdir()

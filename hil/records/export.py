@@ -81,10 +81,9 @@ class _Row:
 def export_campaign(folder: Path | str, out: Path | str, form: Format | None = None) -> Export:
     """Write the collects of a night as a new campaign folder `out`, or as one file of another format.
 
-    Of several units each has its own, named by its serial number within `out`; one that was named by its folder is all
-    there is. A campaign folder is written as a file only. What is written appears whole or not at all. Raises
-    `InputError` where the folder is neither, no collect was completed, or `out` exists; `Damaged` where the journal or
-    samples are not what was written.
+    Of several units each has its own within `out`, by its serial number, or the one named by its folder. A campaign
+    folder is written as a file only, whole or not at all. Raises `InputError` where the folder is neither, no collect
+    was completed, or `out` exists; `Damaged` where the journal or samples are not what was written.
     """
     folder, target = Path(folder), Path(out)
     if form is not None and not is_night(folder):

@@ -2,8 +2,7 @@
 
 What several units do at once begins and ends at once. The order of `end` is: data blocks (hil.records.blocks), then one
 transaction with the results and the names of the blocks. A crash before the transaction leaves attempts that never
-ended and perhaps orphan blocks, never half a result. Then the write-ahead log is emptied into the database: what a kill
-leaves in it is of one stage at most.
+ended and perhaps orphan blocks, never half a result. Then the write-ahead log is emptied: it holds one stage at most.
 
 Heartbeats are the one exception to durability: they survive the death of the process, but the last of them may be lost
 with the power. They are the only thing that is written while nothing happens, and an fsync a minute buys nothing.

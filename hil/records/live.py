@@ -114,8 +114,7 @@ def trace_columns(sensors: Mapping[int, SensorRole]) -> list[str]:
 class LiveFiles(Progress):
     """An onlooker that writes both files into a unit's folder. A full disk ends the writing, never the night.
 
-    `every_s` is the real time from one poll to the next, `announced_s` the silence that the heartbeat of a poll asks
-    for: a longer one is a wait for a device.
+    `every_s`: real time between polls; `announced_s`: the silence that a heartbeat asks for, longer is a device.
     """
 
     folder: Path

@@ -41,8 +41,7 @@ _LONGEST = 200  # characters of what SQLite says: it quotes whole tables
 class JournalReader:
     """A journal that is read. Close it, or use it in a `with` statement.
 
-    `folder` is the night's. Where a `unit` was named, plan, attempts and readings are those of this unit and of the
-    chamber, as if it had been alone.
+    `folder` is the night's. Of a named `unit`, plan, attempts and readings are its own and the chamber's, as if alone.
     """
 
     def __init__(
@@ -193,8 +192,7 @@ class JournalReader:
     def standing(self, begins: str, ends: str) -> Event | None:
         """Return the newest event of the kind `begins` by the newest controller, unless one of `ends` came after it.
 
-        `standing("pause", "continue")` is the pause that is in effect, `standing("prompt", "prompt-ended")` the
-        question that waits for an answer.
+        `standing("pause", "continue")` is the pause in effect, `standing("prompt", "prompt-ended")` what is asked.
         """
         newest = max((each.number for each in self.controllers()), default=0)
         told = [each for each in self.events() if each.controller == newest and each.kind in (begins, ends)]
@@ -221,8 +219,7 @@ class JournalReader:
     def identity(self) -> dict[str, str]:
         """Return `model` and `serial` of the unit, `operator`, `note`, and `despite`; what is not known is not there.
 
-        What the unit tells of itself counts more than what was typed; `despite` is what `hil check` called NOT when
-        somebody went on, with the reason.
+        What the unit tells of itself counts more than what was typed; `despite`: what was NOT, and why one went on.
         """
         found = {"operator": self.night.who}
         notes, despite = [], []

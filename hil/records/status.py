@@ -3,8 +3,7 @@
     night_status(folder)["state"]  # running, paused, complete, incomplete, aborted, failed
 
 A night is complete if every planned step is DONE and the samples of its collects are there. It is running if the
-process that owns its lock lives and has shown a sign of life lately; a controller that was killed leaves a night that
-is incomplete, whatever was going on.
+process that owns its lock lives and has shown a sign of life lately; one that was killed leaves an incomplete night.
 """
 
 import re

@@ -33,9 +33,8 @@ _TOLERANCE_DEG_PER_HR = 1e-6  # the order of the sum may differ, by much less th
 def verify_night(folder: Path | str, key: Path | None = None) -> dict[str, Any]:
     """Return the document hil.verify/1 of a night; raise `InputError` where the folder holds none.
 
-    `state` and `reason` are those of its status. `notes` names what is harmless: a block that a crash left behind
-    before it could be recorded. `signature` says in words whether the journal's head is signed with `key`, by default
-    the one that the night's bench names.
+    `state` and `reason` are those of its status. `notes` names what is harmless: a block that a crash left unrecorded.
+    `signature` says whether the head is signed with `key` (else that of the night's bench).
     """
     given, folder = Path(folder), night_of(Path(folder))
     problems, notes = list[str](), list[str]()

@@ -2,8 +2,7 @@
 
 `hil.bench` lets the faults of a bench file happen on devices, clock, disk and controller where all is simulated in this
 process. A night is begun with the injector's `disk`, and with itself as an onlooker: it sees the steps that faults wait
-for. One that is carried on meets the faults that are still to come, and those that are still going on by the clock;
-what happened in a moment has happened.
+for. One that is carried on meets the faults still to come or still going on; a moment's has been.
 """
 
 import errno

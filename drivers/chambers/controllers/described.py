@@ -9,8 +9,7 @@ the description's key `verified` says what was seen. A reply that is a bare numb
 question without a reply the line is listened to for 3 s. Temperatures in °C; time-outs are those of the description.
 
 A box is spoken to in lines of text, or in registers; both media give words, and are told values. It is looked at in
-fetches: one text and its reply, or one block of registers. One fetch may answer several questions, and is made again
-when an answer in it cannot be.
+fetches, one text and its reply or one block of registers, made again for an answer that cannot be.
 """
 
 import math
