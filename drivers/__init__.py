@@ -1,4 +1,1 @@
-"""Talking to devices: clocks, transports, IMU frames, chambers, positioners, and the device simulators.
-
-This floor knows bytes, not calibrations. It imports nothing from `procedures` or `hil`.
-"""
+"""Talking to devices, in bytes: clocks, transports, IMU frames, chambers, positioners, the device simulators."""

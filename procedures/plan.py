@@ -36,10 +36,7 @@ OF_UNITS = (StepKind.IDENTIFY, StepKind.INDEX, StepKind.COLLECT)
 
 @dataclass(frozen=True)
 class Step:
-    """One step. `key` is unique in a plan and never changes for the same sweep: it is the journal's key.
-
-    The steps of one stage are one thing done to several units at once; behind the @ stands whose a step is.
-    """
+    """One step; `key` is unique in a plan, stays the same for a sweep, and tells whose it is behind the @."""
 
     index: int
     key: str  # "T1/S2/restabilise", "T1/S2/C3/collect"

@@ -111,10 +111,7 @@ class SumKind(_Checksum):
 
 
 class PlainKind(_Checksum):
-    """Fletcher's two running sums modulo 256 over the covered bytes, the first sum first on the wire; or their xor.
-
-    Or no checksum: damage goes unnoticed, unless it hits header, length or delimiter.
-    """
+    """Fletcher's two running sums modulo 256, the first sum first on the wire; their xor; or no checksum at all."""
 
     kind: Literal["fletcher", "xor", "none"]
 

@@ -155,10 +155,7 @@ class FrameLayout:
         return [cell.split(b"\0")[0].decode("ascii", "replace").replace("�", "?").strip() for cell in cells]
 
     def store(self, rows: Rows, field: str, values: ArrayLike) -> None:
-        """Write a numeric field of n frames from values in its unit, shape (n,) or one for all.
-
-        Integers are rounded and held at the end of their range, as a converter saturates; `ValueError` for NaN.
-        """
+        """Write a field of n frames, (n,) or one for all, rounded and saturated; `ValueError` for NaN in integers."""
         found = self.numeric[field]
         wire, factor, kind = np.asarray(values), self.factor(field), str(found.type)
         if found.offset != 0.0:

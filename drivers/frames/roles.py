@@ -39,10 +39,7 @@ class StatusBit(Section):
 
 
 class AtRest(Section):
-    """What the rates of a sound unit at rest are: within `full_scale`, within `bias` of zero, and as noisy as this.
-
-    A data sheet's figures in deg/hr and deg/sqrt(hr); those that are not given are not looked at.
-    """
+    """What a sound unit's rates are at rest by the data sheet, deg/hr and deg/sqrt(hr); all may be left out."""
 
     full_scale_deg_per_hr: float | None = Field(default=None, gt=0.0)
     bias_deg_per_hr: float | None = Field(default=None, gt=0.0)

@@ -37,10 +37,7 @@ _AHEAD_MONTHS = np.linspace(0.0, 120.0, 1201)
 
 
 def history(index: Index, serial: str, model: str | None = None, limits: Limits | None = None) -> dict[str, Any]:
-    """Say what the archive knows of a unit; `model` tells two units with one serial number apart.
-
-    Without `limits` the newest calibration's own. Raises `InputError` where there is no such unit, or there are two.
-    """
+    """Say what the archive knows of a unit, of a `model` where two share a serial number; else `InputError`."""
     every, behind = index.entries(serial), index.behind(serial)
     if not every:
         there = sorted({each.serial for each in index.entries()})

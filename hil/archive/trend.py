@@ -218,10 +218,7 @@ def at_usual_temperatures(stations: Mapping[float | None, Sequence[ArchivedMean]
 
 
 def that_share(values: Values) -> list[Values]:
-    """Part temperatures by what was calibrated at several of them: between those of two parts nothing is compared.
-
-    That of most calibrations is the first, of as many that of the newest.
-    """
+    """Part temperatures by calibrations at several of them: parts are not compared; the most calibrated first."""
     parts: list[dict[float | None, Mapping[str, tuple[float, float]]]] = []
     for at, of in values.items():
         linked = [part for part in parts if any(of.keys() & own.keys() for own in part.values())]
@@ -238,10 +235,7 @@ def that_share(values: Values) -> list[Values]:
 def shifts_of(
     values: Values,
 ) -> tuple[list[str], FloatArray, FloatArray, Values]:
-    """Return the entries in order of time, the shift of each common to all temperatures (n,) with sd, and what is left.
-
-    Each temperature has a value of its own and each calibration a shift: least squares, weighted.
-    """
+    """Return entries in order of time, the shift of each (n,) with sd, and residuals, by weighted least squares."""
     names = sorted({name for of in values.values() for name in of}, key=lambda entry: entry.partition("/")[2])
     rows = [(k, names.index(name), *of[name]) for k, of in enumerate(values.values()) for name in of]
     k, i, y, sd = (np.array(column) for column in zip(*rows, strict=True))

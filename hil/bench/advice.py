@@ -17,10 +17,7 @@ _PARITY = {"N": "none", "E": "even", "O": "odd"}
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that was looked at. `good` is False where a night must not begin like this.
-
-    `advice` says what to do about what is wrong, or about what is worth knowing; empty where there is nothing to do.
-    """
+    """What was looked at, whether it is `good` for a night to begin, and what to do (`advice`) if anything."""
 
     subject: str
     good: bool

@@ -1,7 +1,4 @@
-"""Putting a bench together: clock, ports, unit, chamber and what moves the unit, from its file.
-
-This is the only place that knows that `sim://` ports are simulated devices in this process. All above cannot tell.
-"""
+"""A bench from its file: clock, ports, unit, chamber, what moves the unit; all above cannot tell what is simulated."""
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress

@@ -210,10 +210,7 @@ def _counter(rows: Bytes, first: int, end: int, taken: set[int]) -> dict[str, An
 
 
 def misfit(path: Path, description: StreamDescription, counts: StreamCounts) -> Iterator[str]:
-    """Say what was seen in a file of which most is in no frame, and which shipped description reads it; else nothing.
-
-    `counts` are those of the whole file. Raise `InputError` where the file cannot be read.
-    """
+    """Say what is in a file that is mostly (`counts`) in no frame, and what reads it; `InputError` if unreadable."""
     size = path.stat().st_size
     if not counts.skipped_bytes or 2 * counts.skipped_bytes <= size:
         return

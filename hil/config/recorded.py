@@ -79,10 +79,7 @@ def configuration_text(bench: Bench, sweep: Sweep, seed: int | None = None) -> s
 
 
 def configuration_of(text: str, folder: Path) -> tuple[Bench, Sweep]:
-    """Return bench and sweep from a journal's text; the files that they name are written into `folder`.
-
-    Raises `InputError` where the text is not a configuration that this version understands.
-    """
+    """Return bench and sweep of a journal's text, their files put into `folder`; `InputError` where not understood."""
     document: Any = parse_yaml(text, "the night's configuration")
     check_schema(document, SCHEMA, "the night's configuration")
     bench: dict[str, Any] = document["bench"]

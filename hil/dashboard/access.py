@@ -44,10 +44,7 @@ def new_token() -> str:
 
 
 def token_from(path: Path) -> str:
-    """Return the token in a file; make the file, for its owner only, with a new token where there is none.
-
-    Raises `InputError` where the file cannot be read or made, or its token is too short to be one.
-    """
+    """Return a file's token, where none is a new one for its owner only; `InputError` where unread or too short."""
     with worded(InputError, f"{path}: the token cannot be kept (", OSError, ")"):
         if not path.exists():
             path.touch(mode=0o600, exist_ok=False)

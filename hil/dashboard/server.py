@@ -146,10 +146,7 @@ def server(app: Guard) -> uvicorn.Server:
 
 
 class _Connection(H11Protocol):
-    """A connection that is closed where no whole request comes on it, or, of many, the one that has waited longest.
-
-    Whoever sends a request sends it at once, so that no number of others keeps the page from answering.
-    """
+    """A connection, closed where no whole request comes, or, of too many, the one that has waited longest."""
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         super().connection_made(transport)

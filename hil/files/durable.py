@@ -46,10 +46,7 @@ class RealDisk:
 
 
 def write_durably(disk: RealDisk, path: Path, data: bytes) -> None:
-    """Write `data` so that `path` holds all of it or does not change, whatever happens meanwhile.
-
-    Raises `OSError` (disk full, read-only); the temporary file is then removed as far as the disk allows.
-    """
+    """Write `data` so that `path` holds all of it, or has not changed (`OSError`: disk full, read-only)."""
     partial = path.with_name(f"{PARTIAL}{path.name}")
     try:
         disk.write(partial, data)
@@ -87,10 +84,7 @@ def check_file(path: Path, what: str, *endings: str) -> Path:
 
 
 def make_folders(disk: RealDisk, folder: Path) -> list[Path]:
-    """Make `folder` and whatever is missing above it, durably; return what was made, the innermost first.
-
-    Raises `OSError` (read-only, a file in the way); what was made before that is removed again.
-    """
+    """Make `folder` and what is missing above it, durably, or nothing (`OSError`); return them, innermost first."""
     missing: list[Path] = []
     while not folder.exists():
         missing.append(folder)

@@ -1,7 +1,4 @@
-"""Processes that share work: units of a fleet to read and weigh, nights to draw.
-
-They end with the one that they work for, however that ends, and at once where it gives up; it alone hears a terminal.
-"""
+"""Processes that share work: they end with the one that they work for, at once where it gives up."""
 
 import os
 import signal

@@ -51,10 +51,7 @@ class Block:
 
 @dataclass(frozen=True)
 class FieldMeaning:
-    """What a decoded field is: its unit, and its role (`rate`, `acceleration`, `temperature`) for one of the sensors.
-
-    `name` is the channel of a rate (RA) or the axis of an acceleration (A).
-    """
+    """A decoded field: unit, role (rate, acceleration, temperature), sensor, and as `name` channel or axis."""
 
     unit: str = ""
     role: str = ""
@@ -100,10 +97,7 @@ class BlockWriter:
         remove_partials(folder / BLOCKS)
 
     def write(self, step: Step, attempt: int, samples: SampleBlock) -> tuple[Block, ...]:
-        """Make the samples (times in seconds of the campaign) and raw bytes of a collect durable.
-
-        Returns what the journal must commit. After `OSError` (full, read-only) nothing has the block's name.
-        """
+        """Make a collect's samples (campaign seconds) and bytes durable, for the journal to commit, or `OSError`."""
         if not (self._folder / BLOCKS).is_dir():
             (self._folder / BLOCKS).mkdir()
             self.disk.synchronise_folder(self._folder)

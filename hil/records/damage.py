@@ -28,10 +28,7 @@ class LostBlock:
 
 
 def lost_blocks(journal: JournalReader, *, read: bool) -> list[LostBlock]:
-    """Return the blocks of DONE attempts that are not as they were written, and collects that have no samples.
-
-    Unless they are `read`, only what is missing or of another length is found: for those who ask often.
-    """
+    """Return blocks of DONE attempts that are not as written (by length, unless `read`), and collects without any."""
     done = {key: each.attempt for key, each in journal.done_attempts().items()}
     without = {step.key for step in journal.plan.of_kind(StepKind.COLLECT)} & done.keys()
     lost = []

@@ -118,10 +118,7 @@ class SqliteJournal(JournalReader):
 
     @property
     def began_utc(self) -> datetime:
-        """The instant at which the campaign's seconds are zero by the present clock: the night's beginning.
-
-        After the wall clock was set back it lies earlier, so that the campaign's time goes on.
-        """
+        """The instant of campaign second zero by the present clock: earlier after the wall clock was set back."""
         return self._clock.utc() - timedelta(seconds=self.now_s())
 
     def listen(self, listener: Listener) -> None:

@@ -39,10 +39,7 @@ _LONGEST = 200  # characters of what SQLite says: it quotes whole tables
 
 
 class JournalReader:
-    """A journal that is read. Close it, or use it in a `with` statement.
-
-    `folder` is the night's. Of a named `unit`, plan, attempts and readings are its own and the chamber's, as if alone.
-    """
+    """A journal that is read, to be closed: of a night, or of one `unit` and its chamber as if it were alone."""
 
     def __init__(
         self, folder: Path, connection: sqlite3.Connection, unit: str = "", known: JournalReader | None = None
@@ -151,10 +148,7 @@ class JournalReader:
             yield kind(**{name: MEANS[name](cell) if name in MEANS else cell for name, cell in cells})
 
     def attempts(self) -> tuple[Attempt, ...]:
-        """Return every attempt, in the order in which they began; one without an outcome never ended.
-
-        One that was DONE and withdrawn later is FAILED here, with the reason why it counts no more.
-        """
+        """Return every attempt in order: without an outcome it never ended; withdrawn after DONE it is FAILED."""
         rows = (each for each in self._rows(Attempt, "attempts") if not self.unit or each.step_key in self._own_steps)
         return tuple(
             replace(

@@ -146,10 +146,7 @@ def without_samples(status: dict[str, Any]) -> dict[str, Any]:
 
 
 def recorded_end(journal: JournalReader, unit: str | None = None) -> Mapping[str, Any]:
-    """Return what the newest controller recorded at its end: `verdict`, `reason`, `in_spec`, `trace`; empty if not.
-
-    It is that of `unit`, by default of the one by which the journal was named, or the night's.
-    """
+    """Return what the newest controller recorded at the end of `unit` (or the night); empty where it did not."""
     unit = journal.unit if unit is None else unit
     newest = max((controller.number for controller in journal.controllers()), default=0)
     ends = (e.evidence for e in reversed(journal.events()) if e.kind == VERDICT and e.controller == newest)

@@ -190,10 +190,7 @@ class SlowGrid:
         return found
 
     def between(self, times_s: FloatArray) -> tuple[NDArray[np.int64], FloatArray, FloatArray, FloatArray]:
-        """Return of rising times (n,) the grid points before them, s since these, and of every field noise and value.
-
-        Shapes (n,), (n,), (n, fields), (n, fields). Supply, rates and accelerations are each unit's own.
-        """
+        """Return of times (n,) the grid points before, s since, (n,) each; noises and values, (n, fields) each."""
         nodes = self.nodes(times_s)
         since_s = times_s - self.time_of(nodes)
         return nodes, since_s, self.sigma.at(nodes), self.level.at(nodes) + self.slope.at(nodes) * since_s[:, None]

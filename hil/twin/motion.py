@@ -50,10 +50,7 @@ class Leg:
     number: int = 0  # in time order; a stay is what a campaign calls a collect
 
     def turned(self, times_s: FloatArray) -> tuple[Rotation, FloatArray]:
-        """Return the rotation since the move began, (n,), and the rate of rotation in the bench frame, (n, 3), rad/s.
-
-        The move starts and stops gently: its angle follows x²(3 - 2x).
-        """
+        """Return the rotation since a move began, (n,), and its rate in the bench frame, (n, 3), rad/s."""
         length_s = self.ends_s - self.begins_s
         done = np.clip((times_s - self.begins_s) / length_s, 0.0, 1.0)
         share = done**2 * (3.0 - 2.0 * done)

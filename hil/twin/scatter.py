@@ -78,10 +78,7 @@ class NamedNoise:
 def drawn_base(
     seed: int, key: Sequence[int], sizes: Mapping[str, Curve], factor: FloatArray, temperature_degC: float
 ) -> dict[str, float]:
-    """Return by how much base parameters depart from the model's values, drawn by `key`, as large as `sizes`.
-
-    `factor` (k, k) is that of their correlation, in the order of the sorted names.
-    """
+    """Return departures of base parameters, drawn by `key`, as large as `sizes`, correlated by `factor` (k, k)."""
     names, at = sorted(sizes), np.array([temperature_degC])
     sigmas = np.array([float(sizes[name].at(at)[0]) for name in names])
     drawn = sigmas * (factor @ stream(seed, *key).standard_normal(len(names)))

@@ -48,10 +48,7 @@ class ThermalUnit:
         self._nodes = 0
 
     def advance(self, to_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return (time_s, temperatures, slopes) of the grid points up to `to_s` that were not returned before.
-
-        Shapes (m,), (m, 3) and (m, 2): chamber air, case and rotor in °C; the slopes of case and rotor in °C/s.
-        """
+        """Return new grid points to `to_s`: times (m,), air, case, rotor (m, 3), °C, slopes of the two (m, 2), °C/s."""
         last = math.floor((to_s - self._begins_s) / GRID_S) if to_s >= self._begins_s else -1
         numbers = np.arange(self._nodes, max(last + 1, self._nodes))
         times_s = np.asarray(self._begins_s + GRID_S * numbers, dtype=np.float64)

@@ -319,10 +319,7 @@ class ScatterRates:
         return [noise.of_samples(samples) for noise in self._white]
 
     def rates(self, here: Rest, first: int, last: int) -> tuple[FloatArray, list[FloatArray]]:
-        """Return rates at grid points `first` to `last` (inclusive) while resting, (m, c), deg/hr; and what is white.
-
-        The latter are the columns for the coefficients of `white`, (m, c, p) each.
-        """
+        """Return resting rates at grid points `first` … `last`, (m, c), deg/hr, and `white`'s columns, (m, c, p)."""
         level, white = np.zeros((last + 1 - first, self._rows.sensor.channels)), []
         for noise, (_, size, part) in zip(self._noises, self._parts(here, np.arange(first, last + 1)), strict=True):
             columns = part.columns[1:-1] * size[:, None, None]

@@ -280,10 +280,7 @@ class SetpointBox(Controller):
         self._do(self._box.end_program)
 
     def set_ramp_rate(self, degC_per_min: float) -> bool:
-        """Set the ramp, °C/min; False where there is none, where it is told no finer, or where it refuses.
-
-        Raises `ProtocolError` where it did not take, or where only a part of it was accepted.
-        """
+        """Set the ramp, °C/min; False where that cannot be, `ProtocolError` where it took in part or not at all."""
         ramps = self._box.ramp_degC_per_min
         if any(degC_per_min < each.step for each in ramps):
             return False
