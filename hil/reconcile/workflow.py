@@ -28,15 +28,15 @@ from hil.reconcile.outcome.answer import Answer
 from hil.reconcile.outcome.shown import shown
 from hil.reconcile.proof.held_out import HeldOut, held_out
 from hil.reconcile.result import Reconciliation
-from hil.reconcile.search.layout import may_be_calibrated, searches, values_follow
+from hil.reconcile.search.layout import coarse, may_be_calibrated, refined, searches, values_follow
 from hil.reconcile.search.posterior import Posterior, beside_lookalikes, weigh
 from hil.reconcile.search.problem import Problem, pose
 from hil.solve.wrong_rows import pooled, sound
 
 INSIDE = 0.2  # share of the rate of false alarms that the series' tests have, where there are series
 FOLLOW = 5.0  # that the values of a unit follow temperature is so many times as probable as that all of them stand
-HOPELESS = 21.0
-"""What sets are worth so far, this much (log) below what they must be, nothing makes up that is found of the noise."""
+HOPELESS = 40.0
+"""What sets are worth so far, this much (log) below what they must be, nothing makes up that is found later."""
 
 
 def reconcile(
@@ -89,15 +89,15 @@ def _likelier(problem: Problem, scattering: Sequence[VarianceEffect]) -> Posteri
     That is a smooth curve with a roughness, of all of the base's values, against as many laws of temperature as the
     form's own need. Nobody asks where they explain nothing.
     """
-    stand = searches(problem, EFFECTS, scattering)
+    stand = coarse(problem, EFFECTS, scattering)
     so_far = weigh(stand, serve=False) if may_be_calibrated(problem) else None
     if so_far is None or not values_follow(problem, so_far, so_far.sets[0]):
-        return weigh(stand)
+        return weigh(refined(problem, stand))
     follow = weigh(searches(problem, EFFECTS, scattering, stand))
     least = follow.log_evidence + np.log(FOLLOW)
     if so_far.log_evidence < least - HOPELESS:
         return follow
-    plain = weigh(stand)
+    plain = weigh(refined(problem, stand))
     return plain if plain.log_evidence >= least else follow
 
 

@@ -16,7 +16,7 @@ from hil.reconcile.search.noise import Noise
 from hil.reconcile.search.posterior import Found, Posterior, shared_evidence
 from hil.reconcile.search.problem import LEAST_FREEDOM, Problem, SensorProblem
 from hil.reconcile.search.sets import SensorSearch
-from hil.reconcile.search.terms import terms
+from hil.reconcile.search.terms import Term, terms
 
 BETWEEN = (0.25, 0.5, 0.75)
 """Where, in logarithms, a shape is tried between two points of its grid: a time constant is then right to a tenth."""
@@ -29,12 +29,35 @@ def searches(
     scatter: Sequence[VarianceEffect],
     stand: Mapping[int, SensorSearch] = MappingProxyType({}),
 ) -> Mapping[int, SensorSearch]:
-    """Return the search of every sensor, with its points of the noise chosen.
+    """Return the search of every sensor, as it is `coarse` and then `refined`."""
+    return refined(problem, coarse(problem, mislabelled, scatter, stand))
+
+
+def coarse(
+    problem: Problem,
+    mislabelled: Sequence[Effect],
+    scatter: Sequence[VarianceEffect],
+    stand: Mapping[int, SensorSearch] = MappingProxyType({}),
+) -> Mapping[int, SensorSearch]:
+    """Return the search of every sensor at the noise that the base leaves probable, at the shapes of the grid.
 
     Beside the searches with values that `stand`, the base has values of its own at each temperature.
     """
     numbers = sorted({block.sensor for block in problem.blocks})
     return {n: _search(problem, n, mislabelled, scatter, stand.get(n)) for n in numbers}
+
+
+def refined(problem: Problem, found: Mapping[int, SensorSearch]) -> Mapping[int, SensorSearch]:
+    """Choose the points of the noise anew beside leading terms, and try these at shapes between those of the grid."""
+    for number, search in found.items():
+        if search.terms:
+            search.refine()
+            parents = [term for j in search.leading() if (term := search.terms[j]).tier == 1]
+            finer = [(parent, list(_between(problem.sensors[number], parent.candidate))) for parent in parents]
+            log_odds = {id(c): parent.log_odds - float(np.log(len(own) + 1.0)) for parent, own in finer for c in own}
+            between = _terms(problem, number, [c for _, own in finer for c in own], search.blocks)
+            search.terms += [replace(t, log_odds=log_odds[id(t.candidate)]) for t in between]
+    return found
 
 
 def _search(
@@ -60,20 +83,18 @@ def _search(
     candidates += may_be_wrong(number, blocks, conditions, solved)
     if any(isinstance(effect, Mislabelled) for effect in mislabelled):
         candidates += exchanges(sensor, blocks, solved)
-    site = problem.campaign.site
-    known = {c.name: c.effect.known_amplitudes(conditions, site) for c in candidates if c.effect is not None and c.tier}
-    noise = float(np.sqrt(np.mean([b.noise.unit for b in laid])))
-    own_values = all(b.noise.calibrated for b in laid)
-    found = terms(candidates, blocks, conditions, noise, known, calibrated=own_values)
+    found = _terms(problem, number, candidates, laid)
     told = as_told(found, solved, problem.campaign.exchanged.get(number, ()))
-    search = SensorSearch(laid, told, solved.among(told))
-    search.refine()
-    parents = [term for j in search.leading() if (term := search.terms[j]).tier == 1]
-    finer = [(parent, list(_between(sensor, parent.candidate))) for parent in parents]
-    log_odds = {id(c): parent.log_odds - float(np.log(len(own) + 1.0)) for parent, own in finer for c in own}
-    found = terms([c for _, own in finer for c in own], blocks, conditions, noise, known, calibrated=own_values)
-    search.terms += [replace(t, log_odds=log_odds[id(t.candidate)]) for t in found]
-    return search
+    return SensorSearch(laid, told, solved.among(told))
+
+
+def _terms(
+    problem: Problem, number: int, candidates: Sequence[Candidate], laid: Sequence[BlockSearch]
+) -> Sequence[Term]:
+    conditions, site = problem.sensors[number].collects.conditions, problem.campaign.site
+    known = {c.name: c.effect.known_amplitudes(conditions, site) for c in candidates if c.effect is not None and c.tier}
+    noise, own_values = float(np.sqrt(np.mean([b.noise.unit for b in laid]))), all(b.noise.calibrated for b in laid)
+    return terms(candidates, [b.block for b in laid], conditions, noise, known, calibrated=own_values)
 
 
 def may_be_calibrated(problem: Problem) -> bool:

@@ -21,6 +21,7 @@ from hil.reconcile.search.terms import Term
 from hil.reconcile.search.together import log_prior
 
 WIDTH = (8, 5, 4, 3, 2)  # how many sets are grown further, at none, one, two … terms
+NARROW = (2, 2, 2, 1, 1)  # and where it is only asked what sets come to, about
 GROWTH = 8  # how many names each of them is tried with
 PER_NAME = 3  # shapes of one name among these: what a name's best shapes cannot do its others cannot
 WORTH = 7.0  # sets this much (log) below the best of their sensor are not combined over sensors
@@ -81,9 +82,10 @@ def likely_sets(search: SensorSearch, *, serve: bool) -> list[Set]:
     was looked at: beside much that is missing noise seems to wander that does not, and what one more term would explain
     is taken for it.
     """
-    known = _grown(search, [()])
+    widths = WIDTH if serve else NARROW
+    known = _grown(search, [()], widths)
     for start in search.starts:
-        known |= _grown(search, [start, *(start[:k] + start[k + 1 :] for k in range(len(start)))])
+        known |= _grown(search, [start, *(start[:k] + start[k + 1 :] for k in range(len(start)))], widths)
     served = set[Set]()
     while serve and (lead := max(known, key=lambda s: known[s])) not in served:
         served.add(lead)
@@ -94,10 +96,10 @@ def likely_sets(search: SensorSearch, *, serve: bool) -> list[Set]:
     return [s for s in sorted(known, key=lambda s: -known[s]) if known[s] > best - 2.0 * WORTH or s == ()]
 
 
-def _grown(search: SensorSearch, layer: Sequence[Set]) -> dict[Set, float]:
+def _grown(search: SensorSearch, layer: Sequence[Set], widths: Sequence[int]) -> dict[Set, float]:
     """Return sets, and those that grow from them, with their log posterior weights in one sensor by itself."""
     known = _alone(search, layer)
-    for width in WIDTH:
+    for width in widths:
         leading = sorted(layer, key=lambda s: -known[s])[:width]
         grown = list(dict.fromkeys(s for given in leading for s in _further(search, given, known)))
         if not grown:
