@@ -35,8 +35,11 @@ from hil.solve.wrong_rows import pooled, sound
 
 INSIDE = 0.2  # share of the rate of false alarms that the series' tests have, where there are series
 FOLLOW = 5.0  # that the values of a unit follow temperature is so many times as probable as that all of them stand
-HOPELESS = 40.0
-"""What sets are worth so far, this much (log) below what they must be, nothing makes up that is found later."""
+HOPELESS = 40.0, 21.0
+"""What sets are worth so far, this much (log) below what they must be, nothing makes up that is found later.
+
+At the noise that the base alone leaves probable, and as it is refined beside leading terms.
+"""
 
 
 def reconcile(
@@ -95,9 +98,10 @@ def _likelier(problem: Problem, scattering: Sequence[VarianceEffect]) -> Posteri
         return weigh(refined(problem, stand))
     follow = weigh(searches(problem, EFFECTS, scattering, stand))
     least = follow.log_evidence + np.log(FOLLOW)
-    if so_far.log_evidence < least - HOPELESS:
+    at_first, then = (least - hopeless for hopeless in HOPELESS)
+    if so_far.log_evidence < at_first or weigh(refined(problem, stand), serve=False).log_evidence < then:
         return follow
-    plain = weigh(refined(problem, stand))
+    plain = weigh(stand)
     return plain if plain.log_evidence >= least else follow
 
 

@@ -318,19 +318,22 @@ def test_values_that_follow_temperature_are_five_times_as_probable_before_the_da
     monkeypatch: pytest.MonkeyPatch, likelier: float, follows: bool
 ) -> None:
     """Values that stand are read where the data make them so much likelier, and no sooner."""
-    posterior, asked = weighed_in_turn(monkeypatch, 0.0, likelier, 0.0)
+    posterior, asked = weighed_in_turn(monkeypatch, 0.0, likelier, 0.0, 0.0)
     assert (posterior.log_evidence < 0.0) == follows
-    assert asked == [False, True, True]
+    assert asked == [False, True, False, True]
 
 
-@pytest.mark.parametrize(("so_far", "asked"), [(-38.3, [False, True, True]), (-38.5, [False, True])])
+@pytest.mark.parametrize(
+    ("at_first", "then", "asked"),
+    [(-38.5, 0.0, [False, True]), (-38.3, -19.5, [False, True, False]), (-38.3, -19.3, [False, True, False, True])],
+)
 def test_the_noise_is_not_looked_at_anew_beside_sets_that_cannot_lead(
-    monkeypatch: pytest.MonkeyPatch, so_far: float, asked: list[bool]
+    monkeypatch: pytest.MonkeyPatch, at_first: float, then: float, asked: list[bool]
 ) -> None:
     """A sweep's biases on a curve took half a minute of search beside values that stand, for nothing."""
-    posterior, served = weighed_in_turn(monkeypatch, so_far, 0.0, 10.0)
+    posterior, served = weighed_in_turn(monkeypatch, at_first, 0.0, then, 10.0)
     assert served == asked
-    assert posterior.log_evidence == (10.0 if len(asked) == 3 else 0.0)
+    assert posterior.log_evidence == (10.0 if len(asked) == 4 else 0.0)
 
 
 @pytest.mark.slow
@@ -347,7 +350,7 @@ def test_sets_so_far_leave_the_noise_as_it_was() -> None:
 
 
 def weighed_in_turn(monkeypatch: pytest.MonkeyPatch, *log_evidence: float) -> tuple[Posterior, list[bool]]:
-    """Return which of values that stand so far, that follow temperature, and that stand, are read; and what is asked.
+    """Return which is read of values that stand at first, that follow, stand refined, and at last; and what is asked.
 
     Each has so much log evidence.
     """
