@@ -398,11 +398,10 @@ def test_pages_are_told_when_the_folder_cannot_be_looked_at_and_everything_once_
 
 def test_a_night_that_can_be_read_again_is_told_from_its_beginning(night: Watched, tmp_path: Path) -> None:
     """Pages that were told it cannot be read have nothing left that could be brought up to date."""
-    journal = tmp_path / "a" / JOURNAL_NAME
-    journal.parent.mkdir()
-    journal.write_bytes((night[0] / JOURNAL_NAME).read_bytes())
+    journal = shutil.copytree(night[0], tmp_path / "a") / JOURNAL_NAME
     watcher = Watcher(tmp_path)
     whole = set(watcher.look()["a"])
+    assert {"results", "temperatures"} <= whole
     journal.write_bytes(b"damaged" * 100)
     assert watcher.look()["a"]["head"]["state"] == "unreadable"
     journal.write_bytes((night[0] / JOURNAL_NAME).read_bytes())
