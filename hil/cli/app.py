@@ -3,7 +3,7 @@
 import logging
 import signal
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from typing import Annotated, Any
 
@@ -28,13 +28,24 @@ GROUPS = {
 }
 """Under which title `hil --help` has which commands, in the order in which they are needed; there are no others."""
 _ROOMS = (night, data, archive, model, recordings, beside, watchdog, coefficients, start, chamber)
-_CALLED_OTHERWISE: Mapping[str, Any] = {
-    "continue": beside.go_on,
-    "frames": recordings.frames_app,
-    "import": recordings.import_app,
-    "plot": data.plot_app,
+_BELOW: Mapping[str, tuple[type[TyperGroup], str, Sequence[Callable[..., Any]]]] = {
+    "frames": (
+        TyperGroup,
+        "Frame descriptions: what a unit's bytes mean.",
+        (recordings.check, recordings.guess),
+    ),
+    "import": (
+        recordings.TableUnlessSaid,
+        "Data from elsewhere as a campaign folder: a table, a log.",
+        (recordings.table, recordings.log),
+    ),
+    "plot": (
+        TyperGroup,
+        "Draw a collect, a night or parameters against temperature, as SVG or PNG.",
+        (data.series, data.temperatures, data.parameters),
+    ),
 }
-"""Commands that are no functions of their own name in one of the rooms."""
+"""Commands that have commands of their own, and which."""
 
 
 class Grouped(TyperGroup):
@@ -70,19 +81,16 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 
-for below, commands in (
-    (recordings.frames_app, (recordings.check, recordings.guess)),
-    (recordings.import_app, (recordings.table, recordings.log)),
-    (data.plot_app, (data.series, data.temperatures, data.parameters)),
-):
-    for command in commands:
-        below.command()(with_status(command))
 for name in " ".join(GROUPS.values()).split():
-    own = _CALLED_OTHERWISE.get(name) or next(vars(room)[name] for room in _ROOMS if name in vars(room))
-    if isinstance(own, typer.Typer):
-        app.add_typer(own)
+    if name in _BELOW:
+        group, about, commands = _BELOW[name]
+        below = typer.Typer(name=name, cls=group, help=about, no_args_is_help=True, rich_markup_mode=None)
+        for own in commands:
+            below.command()(with_status(f"{name} {own.__name__}", own))
+        app.add_typer(below)
     else:  # an argument of chamber such as -20 is a temperature, not an option that nobody knows
-        app.command(name, context_settings={"ignore_unknown_options": name == "chamber"})(with_status(own))
+        own = next(vars(room)[each] for each in (name, f"{name}_") for room in _ROOMS if each in vars(room))
+        app.command(name, context_settings={"ignore_unknown_options": name == "chamber"})(with_status(name, own))
 
 
 @app.callback()

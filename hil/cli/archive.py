@@ -3,34 +3,28 @@
 from collections.abc import Iterable, Iterator, Mapping
 from datetime import date
 from pathlib import Path
-from typing import Annotated, Any
-
-from typer import Argument, Option
+from typing import Any
 
 from drivers.clock import SystemClock
 from hil.cli.answer import Answer, told
-from hil.cli.exit_status import Limits, Strict, of_unit
-from hil.cli.output import PAGE, Folder, check_named, messages
+from hil.cli.exit_status import of_unit
+from hil.cli.output import PAGE, check_named, messages
 from hil.errors import InputError
 from hil.files.durable import check_file, write_result
 from hil.files.strict import NAME, one_line
 from hil.report.pdf import find_browser, write_pdf
 
-_Archive = Annotated[Path | None, Option("--archive", envvar="HIL_ARCHIVE", help="The archive's folder.")]
-
 
 def certificate(
-    folder: Folder,
-    unit: Annotated[str | None, Option(help="The unit's serial number; default: the night's.")] = None,
-    out: Annotated[Path | None, Option(help="Where to write it; default: certificate.html in the folder.")] = None,
-    pdf: Annotated[bool, Option("--pdf", help="Beside it as PDF on A4; the browser here prints it.")] = False,
-    draft: Annotated[
-        bool, Option("--draft", help="Where there can be none, write a draft, which every page says.")
-    ] = False,
-    customer: Annotated[str, Option(help="For whom.")] = "",
-    number: Annotated[str, Option(help="The certificate's own number; default: from serial and time.")] = "",
-    limits: Limits = None,
-    strict: Strict = False,
+    folder: Path,
+    unit: str | None = None,
+    out: Path | None = None,
+    pdf: bool = False,
+    draft: bool = False,
+    customer: str = "",
+    number: str = "",
+    limits: str | None = None,
+    strict: bool = False,
 ) -> Answer:
     """Write the calibration certificate of a night's unit: results with expanded uncertainty, traceability, budget."""
     from hil.records.reader import units_in
@@ -55,16 +49,12 @@ def certificate(
 
 
 def archive(
-    folder: Annotated[
-        Path, Argument(metavar="ARCHIVE", help="The archive's folder; the first that is taken up makes a new one.")
-    ],
-    sources: Annotated[list[Path] | None, Argument(metavar="[NIGHT_OR_CAMPAIGN]...", help="What to take up.")] = None,
-    serial: Annotated[str | None, Option(help="Of which unit, where the records do not say.")] = None,
-    day: Annotated[str | None, Option("--date", help="When, where they do not say: 2026-03-01.")] = None,
-    rebuild: Annotated[bool, Option("--rebuild", help="Make the index anew from the folders.")] = False,
-    found: Annotated[
-        bool, Option("--found", help="Make a new one with nothing in it, or again one that lost its archive.yaml.")
-    ] = False,
+    folder: Path,
+    sources: list[Path] | None = None,
+    serial: str | None = None,
+    day: str | None = None,
+    rebuild: bool = False,
+    found: bool = False,
 ) -> Answer:
     """Take nights and campaigns up into the laboratory's archive, and bring its index to what is in the folders."""
     from hil.archive.folder import found_archive, take_up
@@ -101,10 +91,7 @@ def archive(
     return Answer(document, told(document), status=4 if refused or done["cannot_be_read"] else 0)
 
 
-def units(
-    archive: _Archive = None,
-    csv_file: Annotated[Path | None, Option("--csv", help="Write the units here, .csv.")] = None,
-) -> Answer:
+def units(archive: Path | None = None, csv_file: Path | None = None) -> Answer:
     """List the units of the archive: how often each was calibrated, when last, and how that was."""
     from hil.archive.index import opened_index
 
@@ -118,15 +105,13 @@ def units(
 
 
 def history(
-    serial: Annotated[str, Argument(metavar="SERIAL", help="The unit's serial number.")],
-    archive: _Archive = None,
-    model: Annotated[str | None, Option("--unit-model", help="Of two units with one serial number, which.")] = None,
-    limits: Annotated[str | None, Option(help="What the unit must be; default: the newest calibration's own.")] = None,
-    csv_file: Annotated[Path | None, Option("--csv", help="Write every value here, .csv.")] = None,
-    page: Annotated[Path | None, Option(help="Write it as a page with pictures here, .html.")] = None,
-    out: Annotated[
-        Path | None, Option(help="Write its life as one campaign folder, for reconcile, thermal, visibility.")
-    ] = None,
+    serial: str,
+    archive: Path | None = None,
+    model: str | None = None,
+    limits: str | None = None,
+    csv_file: Path | None = None,
+    page: Path | None = None,
+    out: Path | None = None,
 ) -> Answer:
     """Say what became of a unit through the years: drift, jumps, control limits, when the next calibration is due."""
     from hil.archive.history import history as became

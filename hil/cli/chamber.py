@@ -6,15 +6,13 @@ Only the chamber's port is opened. A night that runs on the bench holds that por
 from __future__ import annotations
 
 import sys
-from typing import TYPE_CHECKING, Annotated, Literal
-
-from typer import Argument, Option
+from typing import TYPE_CHECKING, Literal
 
 from drivers.errors import CommandRefused, DeviceError
 from hil.cli.answer import Answer, told
 from hil.cli.ask import must_agree
 from hil.cli.coefficients import quantity
-from hil.cli.output import JsonFlag, messages, warn
+from hil.cli.output import messages, warn
 from hil.errors import InputError
 from hil.files.document import picked
 from hil.files.units import TEMPERATURE
@@ -29,11 +27,11 @@ _LOOK_S = 5.0  # between looks at a ramp that is stepped from here
 
 
 def chamber(
-    bench: Annotated[str, Argument(help="A bench file, or the name of one that ships.")],
-    action: Annotated[Literal["read", "set", "stop"], Argument(help="What to do.")],
-    temperature: Annotated[str | None, Argument(help="For set: -20 degC, 68 degF; a bare number is °C.")] = None,
-    yes: Annotated[bool, Option("--yes", help="Do not ask before the chamber is set.")] = False,
-    as_json: JsonFlag = False,
+    bench: str,
+    action: Literal["read", "set", "stop"],
+    temperature: str | None = None,
+    yes: bool = False,
+    as_json: bool = False,
 ) -> int:
     """Read a bench's chamber, set its temperature, or bring it to its safe state; the unit is left alone.
 
@@ -114,12 +112,7 @@ def _set(commanded: Chamber, device: Chamber, clock: Clock, target_degC: float, 
             raise CommandRefused(f"{port}: somebody set {found:.2f} °C during the ramp; it is left at that")
 
 
-def simulate(
-    bench: Annotated[
-        str, Argument(help="A bench file with a simulation section, or the name of one that ships.")
-    ] = "simulated",
-    tcp: Annotated[bool, Option("--tcp", help="TCP ports on this machine instead of pseudo-terminals.")] = False,
-) -> None:
+def simulate(bench: str = "simulated", tcp: bool = False) -> None:
     """Serve a bench's simulated unit and chamber to any client, in real time, until Ctrl-C.
 
     One JSON line on standard output says where they are.

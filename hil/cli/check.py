@@ -6,9 +6,7 @@ from collections.abc import Collection, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
-
-from typer import Argument, Option
+from typing import TYPE_CHECKING
 
 from drivers.errors import DeviceError
 from hil.cli.answer import Answer
@@ -21,11 +19,7 @@ if TYPE_CHECKING:
     from hil.config import Bench, Sweep
 
 
-def check(
-    target: Annotated[str, Argument(metavar="BENCH", help="A bench; with --bench, the sweep.")],
-    bench: Annotated[str | None, Option(help="The bench, where the argument is the sweep.")] = None,
-    sweep: Annotated[str | None, Option(help="What is to be run: a sweep file, or a name.")] = None,
-) -> Answer:
+def check(target: str, bench: str | None = None, sweep: str | None = None) -> Answer:
     """Look before anything moves: ports, identity, frames, chamber, limits, disk, clock, end; and what to do.
 
     `hil check BENCH`, `hil check BENCH --sweep SWEEP` and `hil check SWEEP --bench BENCH` are the three forms.

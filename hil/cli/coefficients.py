@@ -5,12 +5,10 @@ from __future__ import annotations
 import shlex
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-from typer import Argument, Option
+from typing import TYPE_CHECKING, Any
 
 from hil.cli.answer import Answer, told
-from hil.cli.data import Source, read_source
+from hil.cli.data import read_source
 from hil.cli.exit_status import Exit
 from hil.cli.output import check_result_folder, warn
 from hil.errors import InputError
@@ -46,21 +44,15 @@ def sample_rate_hz(text: str | None) -> float | None:
 
 
 def allan(
-    source: Annotated[
-        Path, Argument(metavar="FILE", help="A table (.parquet, .csv, .txt, .npz), a night or a campaign folder.")
-    ],
-    channel: Annotated[str | None, Option(help="Which channel or column.")] = None,
-    sensor: Annotated[int | None, Option(help="Of a folder: which sensor.")] = None,
-    collect: Annotated[int | None, Option(help="Of a folder: one collect; default: all of them.")] = None,
-    rate: Annotated[str | None, Option(help="Sample rate where the file has no times, such as '100 Hz'.")] = None,
-    unit: Annotated[
-        str | None, Option(help="The column's unit, with a factor for counts: rad/s, '0.05 deg/s'.")
-    ] = None,
-    reach: Annotated[str | None, Option(help="How long to average to reach this, such as '0.5 deg/hr'.")] = None,
-    collect_time: Annotated[
-        str | None, Option(help="How long a collect is; default: a folder's own, else 60 s.")
-    ] = None,
-    out: Annotated[Path | None, Option(help="Write the plot here, .svg or .png.")] = None,
+    source: Path,
+    channel: str | None = None,
+    sensor: int | None = None,
+    collect: int | None = None,
+    rate: str | None = None,
+    unit: str | None = None,
+    reach: str | None = None,
+    collect_time: str | None = None,
+    out: Path | None = None,
 ) -> Answer:
     """Say what a recording's noise is made of (N, B, K), how long to average, and when longer stops helping."""
     import numpy as np
@@ -86,15 +78,7 @@ def allan(
     return Answer(document, told(document, out=out), lambda _: draw(result))
 
 
-def audit(
-    name: Annotated[
-        Path,
-        Argument(
-            metavar="TABLE",
-            help="A CSV in the layout of Table 1 or Table A-1, or rd-gc-86-1-table-1, rd-gc-86-1-table-a1.",
-        ),
-    ],
-) -> Answer:
+def audit(name: Path) -> Answer:
     """Check every identity in a published table: what does not close, by how much, which reading would mend it."""
     from hil.analysis.published.audit import Audit
 
@@ -103,15 +87,7 @@ def audit(
 
 
 def thermal(
-    source: Source,
-    model: Annotated[str | None, Option(help="matrix-6, collins-4, constant or triad-12; default: what fits.")] = None,
-    highest_order: Annotated[int, Option(min=0, max=8, help="The highest polynomial that is tried.")] = 5,
-    apart: Annotated[
-        str | None, Option(help="How far apart two temperatures are, to count as two; default: the data tell.")
-    ] = None,
-    out: Annotated[
-        Path | None, Option(help="Write model.yaml, thermal.json and, for triads, PX4 and ArduPilot files here.")
-    ] = None,
+    source: Path, model: str | None = None, highest_order: int = 5, apart: str | None = None, out: Path | None = None
 ) -> Answer:
     """Fit every parameter against temperature, and say whether modelling it improves the unit."""
     from hil.analysis.thermal.document import thermal_document
@@ -138,9 +114,7 @@ def thermal(
     return Answer(document, told(document, out=out, written_to=written), drawn, status)
 
 
-def reproduce(
-    source: Source, sensor: Annotated[int, Option(help="Which sensor; the report's tables are sensor 2's.")] = 2
-) -> Answer:
+def reproduce(source: Path, sensor: int = 2) -> Answer:
     """Give RD-GC-86-1's Table 1, Figures 2-5 and Table A-1 again from a night, beside the printed values."""
     from hil.analysis.published.reproduction import reproduce as give_again
 
@@ -150,16 +124,13 @@ def reproduce(
 
 
 def budget(
-    source: Annotated[str, Argument(help="A sweep file (or its name), a campaign folder, or a night.")],
-    bench: Annotated[str | None, Option(help="The bench; default: the night's own, else simulated.")] = None,
-    model: Annotated[
-        str | None,
-        Option(help="Take GS and MU, on which errors of attitude act, from this model file; its terms and noise too."),
-    ] = None,
-    run: Annotated[int | None, Option(help="Which self-calibration; default: the worst.")] = None,
-    repeats: Annotated[int | None, Option(min=1, help="Repeats averaged; default: as many as were made.")] = None,
-    draws: Annotated[int, Option(min=100, max=10_000_000, help="Monte Carlo draws per source.")] = 100_000,
-    seed: Annotated[int, Option(min=0, help="Of the draws.")] = 0,
+    source: str,
+    bench: str | None = None,
+    model: str | None = None,
+    run: int | None = None,
+    repeats: int | None = None,
+    draws: int = 100_000,
+    seed: int = 0,
 ) -> Answer:
     """Say what each source of error contributes to each parameter, calculated and by Monte Carlo."""
     from hil.config import load_bench, load_sweep
@@ -204,26 +175,17 @@ def _bench_of(folder: Path) -> Any:
 
 
 def design(
-    sweep: Annotated[str, Argument(help="The sweep whose temperatures and soaks to keep.")] = "rd-gc-86-1",
-    bench: Annotated[str, Option(help="The bench that would run it.")] = "simulated",
-    goal: Annotated[
-        list[str] | None,
-        Option(help="Uncertainty of the mean at a temperature: 'MU 0.5 deg/hr', 'BA 0.3 deg/hr'; repeatable."),
-    ] = None,
-    drift_immune: Annotated[bool, Option("--drift-immune", help="Keep a steady drift out.")] = False,
-    residuals: Annotated[int, Option(min=0, help="Residuals left in each self-calibration.")] = 0,
-    even_terms: Annotated[bool, Option("--even-terms", help="Tell MU from terms in g squared.")] = False,
-    within: Annotated[str | None, Option(help="The whole night's time: '24 h'.")] = None,
-    repeats: Annotated[int | None, Option(min=1, max=1000, help="Repeats at least; default: the sweep's.")] = None,
-    scatter_of_unit: Annotated[
-        list[str] | None,
-        Option(
-            "--scatter",
-            help="How the unit scatters from run to run: 'MU 4 deg/hr', or a night that tells it; repeatable.",
-        ),
-    ] = None,
-    sensor: Annotated[list[int] | None, Option(help="Only these sensors; repeatable. Default: all.")] = None,
-    out: Annotated[Path | None, Option(help="Write the proposal as this sweep file.")] = None,
+    sweep: str = "rd-gc-86-1",
+    bench: str = "simulated",
+    goal: list[str] | None = None,
+    drift_immune: bool = False,
+    residuals: int = 0,
+    even_terms: bool = False,
+    within: str | None = None,
+    repeats: int | None = None,
+    scatter_of_unit: list[str] | None = None,
+    sensor: list[int] | None = None,
+    out: Path | None = None,
 ) -> Answer:
     """Propose the sequence of collects for a goal and a time, beside the usual ones; --out writes it as a sweep."""
     from hil.config import load_bench, load_sweep
@@ -269,7 +231,7 @@ def _scatter_of(folder: str, bench: Bench) -> dict[int, UnitScatter]:
     return told
 
 
-def scatter(source: Source) -> Answer:
+def scatter(source: Path) -> Answer:
     """Tell what makes repeats scatter: noise, the bias, MU, base, cold; or say that they cannot tell."""
     from hil.reconcile.scattering import what_scatters
 

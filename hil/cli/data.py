@@ -6,14 +6,11 @@ import shlex
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
-
-import typer
-from typer import Argument, Option
+from typing import TYPE_CHECKING, Literal
 
 from hil.cli.answer import Answer, told
-from hil.cli.exit_status import Exit, Limits, Strict, of_unit
-from hil.cli.output import PAGE, Folder, check_named, messages, results, warn
+from hil.cli.exit_status import Exit, of_unit
+from hil.cli.output import PAGE, check_named, messages, results, warn
 from hil.errors import InputError
 from hil.files.durable import check_file, write_result
 from hil.files.figure import PLOT, save_figure
@@ -27,16 +24,7 @@ if TYPE_CHECKING:  # `hil --help` loads no arithmetic
     from hil.report.content import ReportContent
     from hil.report.tables import TableFormat
 
-plot_app = typer.Typer(
-    name="plot",
-    help="Draw a collect, a night or parameters against temperature, as SVG or PNG.",
-    no_args_is_help=True,
-    rich_markup_mode=None,
-)
-_Out = Annotated[Path, Option("--out", help="The file to write; .svg or .png says which.")]
-_OfSensor = Annotated[int | None, Option("--sensor", help="Which sensor, where there are several.")]
 Format = Literal["hdf5", "netcdf", "mat", "documents"]
-Source = Annotated[Path, Argument(help="A campaign folder, or a night's folder.")]
 EARLIER = "the earlier one: "
 
 
@@ -53,19 +41,15 @@ def read_source(source: Path, which: str = "") -> Campaign:
 
 
 def report(
-    source: Source,
-    out: Annotated[Path | None, Option(help="Where to write it; default: report.html in the folder.")] = None,
-    against: Annotated[
-        Path | None, Option(help="An earlier night or campaign of the same unit: what changed beyond chance.")
-    ] = None,
-    limits: Limits = None,
-    strict: Strict = False,
-    whole: Annotated[
-        bool, Option("--whole", help="Nothing folded, and all of it printed; by default the evidence is.")
-    ] = False,
-    pdf: Annotated[bool, Option("--pdf", help="Beside it as PDF too; the browser here prints it.")] = False,
-    csv: Annotated[bool, Option("--csv", help="Beside it its tables, for a spreadsheet.")] = False,
-    parquet: Annotated[bool, Option("--parquet", help="Beside it its tables, for a program.")] = False,
+    source: Path,
+    out: Path | None = None,
+    against: Path | None = None,
+    limits: str | None = None,
+    strict: bool = False,
+    whole: bool = False,
+    pdf: bool = False,
+    csv: bool = False,
+    parquet: bool = False,
 ) -> int:
     """Write the report: one self-contained HTML file that any browser shows and prints."""
     from hil.records.reader import units_in
@@ -147,14 +131,7 @@ def write_report(
 
 
 def solve(
-    source: Source,
-    model: Annotated[
-        str | None,
-        Option(help="matrix-6, collins-4, matrix-6-thermal, constant, triad-12 or a model file; default: what fits."),
-    ] = None,
-    limits: Limits = None,
-    against: Annotated[Path | None, Option(help="An earlier campaign: limits of changes are since then.")] = None,
-    strict: Strict = False,
+    source: Path, model: str | None = None, limits: str | None = None, against: Path | None = None, strict: bool = False
 ) -> Answer:
     """Solve every self-calibration for bias and acceleration-sensitive drift, with uncertainties."""
     from hil.analysis.against import Comparison
@@ -196,17 +173,7 @@ def solve(
     return Answer(document, said, drawn, of_unit(document["in_spec"], strict))
 
 
-def export(
-    folder: Annotated[
-        Path,
-        Argument(
-            help="A night's folder; with --format also a campaign's; with --fleet one of them, or of folders of them."
-        ),
-    ],
-    out: Annotated[Path, Argument(help="The campaign folder, or with --format or --fleet the file, to make.")],
-    form: Annotated[Format | None, Option("--format", help="One file instead of a folder of CSV.")] = None,
-    fleet: Annotated[bool, Option("--fleet", help="One Parquet file of many campaigns, for hil fleet.")] = False,
-) -> None:
+def export(folder: Path, out: Path, form: Format | None = None, fleet: bool = False) -> None:
     """Write the night as a campaign folder: CSV that a spreadsheet reads; or as HDF5, NetCDF or MATLAB's format.
 
     documents: the journal as Bluesky's event-model documents, a JSON line for each.
@@ -230,7 +197,7 @@ def export(
     results().print(f"{form or 'campaign'}: {out}, {counted(written.rows, 'row')}")
 
 
-def replay(folder: Folder) -> Answer:
+def replay(folder: Path) -> Answer:
     """Compute a recorded night again from its raw bytes: every average, to the digit."""
     from hil.night.replay import replay_night
 
@@ -246,12 +213,12 @@ def _plot(out: Path, draw: Callable[[], Figure]) -> None:
 
 
 def series(
-    source: Source,
-    out: _Out,
-    sensor: _OfSensor = None,
-    collect: Annotated[int | None, Option(help="Its number, as in collects.csv.")] = None,
-    run: Annotated[int | None, Option(help="Or its self-calibration, with --position.")] = None,
-    position: Annotated[str | None, Option(help="Its position: 1, 2, 3, …")] = None,
+    source: Path,
+    out: Path,
+    sensor: int | None = None,
+    collect: int | None = None,
+    run: int | None = None,
+    position: str | None = None,
 ) -> None:
     """Draw the samples of one collect, their short means, and the average that was taken of them."""
     from hil.report.plots import collect_series, draw_series
@@ -259,14 +226,14 @@ def series(
     _plot(out, lambda: draw_series(collect_series(source, sensor=sensor, collect=collect, run=run, position=position)))
 
 
-def temperatures(folder: Folder, out: _Out) -> None:
+def temperatures(folder: Path, out: Path) -> None:
     """Draw chamber and unit temperature through a night, with soaks, collects and events."""
     from hil.report.plots import draw_temperatures
 
     _plot(out, lambda: draw_temperatures(folder))
 
 
-def parameters(source: Source, out: _Out, sensor: _OfSensor = None) -> None:
+def parameters(source: Path, out: Path, sensor: int | None = None) -> None:
     """Draw every parameter of a sensor against temperature, with the curves that `hil thermal` fits."""
     from hil.report.plots import draw_parameters
 

@@ -10,28 +10,21 @@ import traceback
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from enum import IntEnum
-from typing import Annotated
+from inspect import Parameter
+from typing import Annotated, Any
 
 import typer
-from typer import Option
 
 from drivers.errors import DeviceError
+from drivers.strict_yaml import packaged
 from hil.cli.answer import Answer
-from hil.cli.output import JsonFlag
 from hil.errors import Damaged, InputError
 from procedures.words import harmless
 
-Strict = Annotated[
-    bool,
-    Option(
-        "--strict", help="Exit status 7 where the unit is out of spec, 8 where nobody can tell, or no limits are known."
-    ),
-]
-Limits = Annotated[
-    str | None, Option("--limits", help="What the unit must be: a limits file, or a name; default: the night's own.")
-]
 _FROM_THE_KEYBOARD, _STOPPED = 130, "stopped from the keyboard"  # what a command line ends with that was interrupted
-_JSON = inspect.Parameter("as_json", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=JsonFlag)
+_JSON = Parameter("as_json", Parameter.KEYWORD_ONLY, default=False, annotation=bool)
+_OPTIONS: Mapping[str, Mapping[str, Any]] = packaged("hil.cli", "options.yaml")
+"""What the parameters of each command, and of `every` command, mean: see there."""
 
 
 class Exit(IntEnum):
@@ -61,10 +54,11 @@ def of_unit(in_spec: Mapping[str, str] | None, strict: bool) -> Exit:
     return {"in spec": Exit.DONE, "out of spec": Exit.OUT_OF_SPEC}.get(in_spec["verdict"], Exit.SPEC_NOT_TOLD)
 
 
-def with_status(command: Callable[..., Answer | int | None]) -> Callable[..., None]:
+def with_status(name: str, command: Callable[..., Answer | int | None]) -> Callable[..., None]:
     """Give a command the form that the application ends with: what it answers is printed, its exit status the last.
 
-    A command that returns an `Answer` gets the option --json; others return their exit status.
+    A command that returns an `Answer` gets the option --json; others return their exit status. What its parameters mean
+    `options.yaml` says under its `name`.
     """
 
     @functools.wraps(command)
@@ -75,9 +69,20 @@ def with_status(command: Callable[..., Answer | int | None]) -> Callable[..., No
 
     told = inspect.signature(command, eval_str=True)
     answers = told.return_annotation is Answer
-    if answers:
-        ended.__signature__ = told.replace(parameters=[*told.parameters.values(), _JSON])  # type: ignore[attr-defined]
+    meant = {**_OPTIONS["every"], **_OPTIONS.get(name, {})}
+    every = [*told.parameters.values(), *([_JSON] if answers else [])]
+    ended.__signature__ = told.replace(parameters=[_meaning(each, meant[each.name]) for each in every])  # type: ignore[attr-defined]
     return ended
+
+
+def _meaning(each: Parameter, told: str | Mapping[str, Any]) -> Parameter:
+    own = {"help": told} if isinstance(told, str) else dict(told)
+    if "argument" in own:
+        info: Any = typer.Argument(help=own.pop("argument"), **own)
+    else:  # of what is so unless it is said, typer makes a --no-
+        flag = own.pop("flag", f"--{each.name.replace('_', '-')}")
+        info = typer.Option(*([] if each.default is True else [flag]), **own)
+    return each.replace(annotation=Annotated[each.annotation, info])
 
 
 def run_to_exit(application: Callable[[], object]) -> int:

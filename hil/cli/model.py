@@ -7,30 +7,25 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 from rich.progress import Progress
-from typer import Argument, Option
 
 from hil.cli.answer import Answer, told
-from hil.cli.data import Source, read_source
+from hil.cli.data import read_source
 from hil.cli.output import check_named, check_result_folder, messages
 from hil.errors import InputError
 from procedures.words import hours_minutes, percent
 
-_ModelName = Annotated[str, Option("--model", help="A model file, or the name of a built-in.")]
-_Draws = Annotated[int, Option(help="How many nights are simulated; 20 tell at a level of 5 %.")]
-_Seed = Annotated[int, Option(min=0, help="Of the simulated nights.")]
-
 
 def reconcile(
-    campaign: Source,
-    model: _ModelName,
-    out: Annotated[Path | None, Option(help="The folder for the result.")],
-    alpha: Annotated[float, Option(help="How often the search may find something where nothing is.")] = 0.05,
-    with_twin: Annotated[bool, Option("--twin", help="Also simulate nights before and after, as hil twin.")] = False,
-    draws: _Draws = 20,
-    seed: _Seed = 1,
+    campaign: Path,
+    model: str,
+    out: Path | None,
+    alpha: float = 0.05,
+    with_twin: bool = False,
+    draws: int = 20,
+    seed: int = 1,
 ) -> Answer:
     """Find where model and measurement disagree, name what is missing, add it, show that the gap shrinks."""
     from hil.reconcile import reconcile as search
@@ -74,12 +69,12 @@ def reconcile(
 
 
 def fleet(
-    folders: Annotated[list[Path], Argument(metavar="FOLDER...", help="Campaigns, nights, or folders of them.")],
-    model: _ModelName,
-    workers: Annotated[int, Option(min=1, help="Processes that share the work.")] = 1,
-    cluster: Annotated[str | None, Option(help="A Dask scheduler, such as tcp://host:8786, instead.")] = None,
-    out: Annotated[Path | None, Option(help="Write the page here, .html.")] = None,
-    csv: Annotated[Path | None, Option(help="Write the units here, .csv.")] = None,
+    folders: list[Path],
+    model: str,
+    workers: int = 1,
+    cluster: str | None = None,
+    out: Path | None = None,
+    csv: Path | None = None,
 ) -> Answer:
     """Screen many units that were measured in the same way: which deserve a full reconcile, what many lack."""
     from hil.files.durable import write_result
@@ -108,13 +103,7 @@ def _values(parameters: Sequence[Mapping[str, Any]]) -> Iterator[str]:
         yield f"  {name}: {'; '.join(values)}"
 
 
-def twin(
-    campaign: Source,
-    model: _ModelName,
-    draws: _Draws = 20,
-    seed: _Seed = 1,
-    out: Annotated[Path | None, Option(help="Keeps what was simulated; default: NIGHT-twin, beside it.")] = None,
-) -> Answer:
+def twin(campaign: Path, model: str, draws: int = 20, seed: int = 1, out: Path | None = None) -> Answer:
     """Simulate the same night with a model, many times, through bytes; say whether the measured one can be told."""
     from hil.likeness import likeness
     from hil.reconcile.outcome.sentences import APART, of_few
@@ -148,11 +137,7 @@ def _bar(draws: int) -> Iterator[Callable[[int], None]]:
         yield done
 
 
-def visibility(
-    source: Annotated[str, Argument(help="A sweep file (or its name), or a campaign folder.")],
-    bench: Annotated[str | None, Option(help="For a sweep: the bench that would run it; default: simulated.")] = None,
-    model: Annotated[str | None, Option(help="A model file, or the name of a built-in.")] = None,
-) -> Answer:
+def visibility(source: str, bench: str | None = None, model: str | None = None) -> Answer:
     """Before a night is spent: say which effects these collects can see, and which look alike.
 
     From the size that is said on, hil reconcile finds an effect in nine nights of ten.

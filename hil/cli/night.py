@@ -10,9 +10,7 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-from typer import Argument, Option
+from typing import TYPE_CHECKING, Any
 
 from drivers.clock import SystemClock
 from drivers.given_file import check_folder
@@ -21,8 +19,8 @@ from hil.cli.answer import Answer, told
 from hil.cli.ask import TerminalQuestions, ask_words, must_agree
 from hil.cli.check import check as check
 from hil.cli.check import look_first
-from hil.cli.exit_status import Exit, Strict, of_unit
-from hil.cli.output import Folder, JsonFlag, messages, print_json, results, warn
+from hil.cli.exit_status import Exit, of_unit
+from hil.cli.output import messages, print_json, results, warn
 from hil.cli.progress import TerminalProgress, onlooker
 from hil.cli.watchdog import WatchdogBeside
 from hil.errors import InputError
@@ -37,20 +35,9 @@ _DEMO = "hil demo"  # who carried a night out that another demo may replace
 _OF_A_DEMO = ("journal", "blocks", "configuration", "controller", "heartbeat", "live", "log", "report")
 """What stands in a demo's folder, by the beginning of its name: the night's own files and the page."""
 _LONGEST_SERIALS = 60  # characters of a folder's name
-SweepName = Annotated[str, Argument(help="A sweep file, or the name of one that ships.")]
-BenchName = Annotated[str, Option("--bench", help="A bench file, or the name of one that ships.")]
-Speed = Annotated[float | None, Option("--speed", help="Simulation only: so many times real time, to watch it.")]
-WithWatchdog = Annotated[
-    bool, Option(help="A second process that makes a real chamber safe if this one dies.", show_default=True)
-]
-Quiet = Annotated[bool, Option("--quiet", help="No progress; only how it ended.")]
-Operator = Annotated[str, Option("--operator", help="Who carries it out, for the record.", show_default="you")]
-Note = Annotated[str, Option("--note", help="A remark, for the record.")]
-Serial = Annotated[str | None, Option("--serial", help="The unit's serial number, typed or scanned.")]
-Despite = Annotated[str, Option("--despite", help="Why to go on although hil check says NOT; recorded.")]
 
 
-def plan(sweep: SweepName, bench: BenchName) -> Answer:
+def plan(sweep: str, bench: str) -> Answer:
     """Show every step and when it would happen. Nothing moves."""
     from hil.config import load_bench
     from hil.config.sweep import cautions, check_sweep_against_bench, load_sweep, planned
@@ -71,23 +58,17 @@ def plan(sweep: SweepName, bench: BenchName) -> Answer:
 
 
 def run(
-    sweep: SweepName,
-    bench: BenchName,
-    out: Annotated[
-        str,
-        Option(
-            help="The night's folder; must not exist yet. {date} stands for today's (UTC), {serial} for the unit's, "
-            "which is asked where nobody gave it."
-        ),
-    ] = "night-{serial}-{date}",
-    serial: Serial = None,
-    operator: Operator = "",
-    note: Note = "",
-    despite: Despite = "",
-    yes: Annotated[bool, Option("--yes", help="Do not ask before hardware moves.")] = False,
-    quiet: Quiet = False,
-    speed: Speed = None,
-    watchdog: WithWatchdog = True,
+    sweep: str,
+    bench: str,
+    out: str = "night-{serial}-{date}",
+    serial: str | None = None,
+    operator: str = "",
+    note: str = "",
+    despite: str = "",
+    yes: bool = False,
+    quiet: bool = False,
+    speed: float | None = None,
+    watchdog: bool = True,
 ) -> int:
     """Carry out a sweep, once hil check finds nothing wrong. Ctrl-C brings the chamber to its safe state."""
     from hil.bench.assemble import clock_of
@@ -131,14 +112,14 @@ def _folder(name: str, bench: Bench) -> Path:
 
 
 def resume(
-    folder: Folder,
-    serial: Serial = None,
-    operator: Operator = "",
-    note: Note = "",
-    despite: Despite = "",
-    quiet: Quiet = False,
-    speed: Speed = None,
-    watchdog: WithWatchdog = True,
+    folder: Path,
+    serial: str | None = None,
+    operator: str = "",
+    note: str = "",
+    despite: str = "",
+    quiet: bool = False,
+    speed: float | None = None,
+    watchdog: bool = True,
 ) -> int:
     """Carry on with a night that was interrupted: done steps stay, the soak starts over."""
     from hil.config.recorded import configuration_of
@@ -204,12 +185,7 @@ def _passed_on(error: Exception) -> None:
     raise error  # the night records it, and shows nothing any more
 
 
-def status(
-    folder: Folder,
-    as_json: JsonFlag = False,
-    watch: Annotated[bool, Option("--watch", help="Keep looking, until the night ends or Ctrl-C.")] = False,
-    strict: Strict = False,
-) -> int:
+def status(folder: Path, as_json: bool = False, watch: bool = False, strict: bool = False) -> int:
     """Say what a night is doing, or what became of it; also while it runs, from another shell."""
     from hil.cli.watch import look_at, say
     from hil.cli.watch import watch as keep_looking
@@ -228,10 +204,7 @@ def status(
     return of_unit(document["in_spec"], strict) if well else Exit.INCOMPLETE
 
 
-def verify(
-    folder: Folder,
-    key: Annotated[Path | None, Option(help="The file of the bench's key, where it is elsewhere now.")] = None,
-) -> Answer:
+def verify(folder: Path, key: Path | None = None) -> Answer:
     """Check a night's records: every step, every block, every hash."""
     from hil.records.status import in_brief
     from hil.records.verify import MISSING, verify_night
@@ -244,7 +217,7 @@ def verify(
     return Answer(document, said, status=Exit.DONE if whole else Exit.INCOMPLETE)
 
 
-def repair(folder: Folder, out: Annotated[Path, Option(help="The new folder to make.")]) -> Answer:
+def repair(folder: Path, out: Path) -> Answer:
     """Bring what is proven of a damaged night into a new folder, and say what is lost. The old one is not touched."""
     from hil.night.repair import repair_night
     from hil.records.requests import who_asks
@@ -253,10 +226,7 @@ def repair(folder: Folder, out: Annotated[Path, Option(help="The new folder to m
     return Answer(document, told(document), status=Exit.INCOMPLETE if document["lost"] else Exit.DONE)
 
 
-def demo(
-    out: Annotated[Path, Option(help="The night's folder; an earlier demo there is replaced.")] = Path("demo"),
-    quiet: Quiet = False,
-) -> int:
+def demo(out: Path = Path("demo"), quiet: bool = False) -> int:
     """Carry out the published sweep of RD-GC-86-1 on the simulated bench, to a report."""
     from hil.cli.data import write_report
     from hil.config import load_bench, load_sweep

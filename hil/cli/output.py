@@ -8,12 +8,11 @@ import os
 import sys
 from collections.abc import Collection, Mapping
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Annotated, Any
+from typing import IO, TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.measure import Measurement
 from rich.table import Table
-from typer import Argument, Option
 
 from drivers.given_file import read_text
 from hil.errors import InputError
@@ -24,9 +23,6 @@ if TYPE_CHECKING:  # most commands read no campaign
 
 _ANY_WIDTH = 10_000
 PAGE = ("a page", ".html", ".htm")
-
-JsonFlag = Annotated[bool, Option("--json", help="One JSON document on standard output, nothing else there.")]
-Folder = Annotated[Path, Argument(help="A night's folder.")]
 
 
 class Aside(str):

@@ -1,10 +1,8 @@
 """Commands about what units send and others recorded: decode, frames, import."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-import typer
-from typer import Argument, Option
 from typer.core import TyperGroup
 
 from drivers.strict_yaml import parse_value
@@ -16,19 +14,9 @@ from hil.errors import InputError
 from hil.files.durable import write_result
 from hil.files.units import ACCELERATION, ANGLE, RATE, TIME
 
-Description = Annotated[str, Option("--frames", help="A frame description, or the name of one that ships.")]
-Settings = Annotated[
-    list[str] | None, Option("--set", help="A parameter of the description, NAME=VALUE; may be repeated.")
-]
-Out = Annotated[Path, Argument(help="The campaign folder to make.")]
-
 
 def decode(
-    file: Annotated[Path, Argument(help="Raw bytes as they came down the wire.")],
-    frames: Description,
-    settings: Settings = None,
-    rate: Annotated[float | None, Option(help="Samples per second, where it is not the description's.")] = None,
-    out: Annotated[Path | None, Option(help="Write the frames as a table: X.parquet or X.csv.")] = None,
+    file: Path, frames: str, settings: list[str] | None = None, rate: float | None = None, out: Path | None = None
 ) -> Answer:
     """Decode a file of raw bytes and account for every one of them; status 4 where no frame is found."""
     from hil.bench.decode import decode_file, load_frames_named
@@ -38,20 +26,14 @@ def decode(
     return Answer(document, told(document), status=Exit.DONE if document["frames"] else Exit.INCOMPLETE)
 
 
-def check(
-    description: Annotated[str, Argument(help="A frame description, or the name of one that ships.")],
-    settings: Settings = None,
-) -> None:
+def check(description: str, settings: list[str] | None = None) -> None:
     """Check a frame description and say in words what it means."""
     from hil.bench.decode import explain_frames, load_frames_named
 
     results().print(explain_frames(load_frames_named(description, parameters=frame_parameters(settings))))
 
 
-def guess(
-    capture: Annotated[Path, Argument(help="Raw bytes as they came down the wire.")],
-    out: Annotated[Path | None, Option(help="Write the first description here, to be edited.")] = None,
-) -> Answer:
+def guess(capture: Path, out: Path | None = None) -> Answer:
     """Look at the bytes of an unknown unit: which descriptions read them, where frames begin, what they carry."""
     from hil.bench.guess import checksum_in_words, guess_file
 
@@ -80,7 +62,7 @@ class TableUnlessSaid(TyperGroup):
         return super().resolve_command(ctx, args if args[0] in self.commands else ["table", *args])
 
 
-def table(table: Annotated[Path, Argument(help="A published table, CSV in the layout of Table 1.")], out: Out) -> None:
+def table(table: Path, out: Path) -> None:
     """Make a campaign folder from a published table of parameters, as printed, flags kept."""
     from hil.analysis.published.table import read_published_table
     from hil.campaign.writer import write_campaign
@@ -94,23 +76,23 @@ def table(table: Annotated[Path, Argument(help="A published table, CSV in the la
 
 
 def log(
-    log: Annotated[Path, Argument(help="A log: CSV, Parquet, columns of text, .npz; with --frames bytes.")],
-    out: Out,
-    frames: Annotated[str | None, Option(help="What the bytes mean: a frame description.")] = None,
-    settings: Settings = None,
-    gyro: Annotated[str | None, Option(help="Columns of the rates: X,Y,Z.")] = None,
-    gyro_scale: Annotated[str | None, Option(help="Their unit: rad/s, or of counts '0.0076 deg/s'.")] = None,
-    accelerometer: Annotated[str | None, Option(help="Columns of the accelerations: X,Y,Z.")] = None,
-    accelerometer_scale: Annotated[str | None, Option(help="Their unit: m/s^2, or of counts '0.122 mg'.")] = None,
-    time: Annotated[str | None, Option(help="The column of the times.")] = None,
-    time_scale: Annotated[str | None, Option(help="Its unit: s, ms, '25 us'.")] = None,
-    rate: Annotated[str | None, Option(help="Samples per second, where no times are to be used.")] = None,
-    labels: Annotated[str | None, Option(help="The column that labels positions.")] = None,
-    latitude: Annotated[str | None, Option(help="Where it was recorded: '48.1 deg'.")] = None,
-    window: Annotated[str, Option(help="Of the test of rest: over how long variances are taken.")] = "0.5 s",
-    times: Annotated[float, Option(help="Variances up to so many times the quietest tenth's are rest.")] = 4.0,
-    shortest: Annotated[str, Option(help="How long a unit must be at rest.")] = "1 s",
-    moved: Annotated[str, Option(help="How far it may turn within a stretch.")] = "0.5 deg",
+    log: Path,
+    out: Path,
+    frames: str | None = None,
+    settings: list[str] | None = None,
+    gyro: str | None = None,
+    gyro_scale: str | None = None,
+    accelerometer: str | None = None,
+    accelerometer_scale: str | None = None,
+    time: str | None = None,
+    time_scale: str | None = None,
+    rate: str | None = None,
+    labels: str | None = None,
+    latitude: str | None = None,
+    window: str = "0.5 s",
+    times: float = 4.0,
+    shortest: str = "1 s",
+    moved: str = "0.5 deg",
 ) -> Answer:
     """Make a campaign folder from a log of a unit that was put down in many poses by hand."""
     from hil.analysis.log.poses import campaign_of_log, write_log_campaign
@@ -143,15 +125,3 @@ def log(
     write_log_campaign(made, out)
     document = {**made.document, "campaign": str(out)}
     return Answer(document, told(document))
-
-
-frames_app = typer.Typer(
-    name="frames", help="Frame descriptions: what a unit's bytes mean.", no_args_is_help=True, rich_markup_mode=None
-)
-import_app = typer.Typer(
-    name="import",
-    cls=TableUnlessSaid,
-    help="Data from elsewhere as a campaign folder: a table, a log.",
-    rich_markup_mode=None,
-    no_args_is_help=True,
-)

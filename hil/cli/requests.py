@@ -2,44 +2,33 @@
 
 from contextlib import suppress
 from pathlib import Path
-from typing import Annotated
-
-from typer import Argument, Option
 
 from drivers.given_file import check_folder
 from hil.cli.answer import Answer
 from hil.cli.exit_status import Exit
-from hil.cli.output import Folder, messages, results
+from hil.cli.output import messages, results
 from hil.errors import InputError
 from procedures.requests import RequestKind
 
-Why = Annotated[str, Option("--why", help="The reason, for the record.")]
-Wait = Annotated[float, Option("--wait", help="Seconds to wait for the controller's answer.", min=0.0)]
 _WAIT_S = 20.0
 
 
-def pause(folder: Folder, why: Why, wait: Wait = _WAIT_S) -> Answer:
+def pause(folder: Path, why: str, wait: float = _WAIT_S) -> Answer:
     """Hold a running night where it is. A collect in progress is finished first; a soak starts over afterwards."""
     return _ask(folder, RequestKind.PAUSE, why, wait)
 
 
-def go_on(folder: Folder, why: Why = "", wait: Wait = _WAIT_S) -> Answer:
+def continue_(folder: Path, why: str = "", wait: float = _WAIT_S) -> Answer:
     """Let a paused night go on. Devices and position are checked again; the soak counts on if the band was held."""
     return _ask(folder, RequestKind.CONTINUE, why, wait)
 
 
-def abort(folder: Folder, why: Why, wait: Wait = _WAIT_S) -> Answer:
+def abort(folder: Path, why: str, wait: float = _WAIT_S) -> Answer:
     """End a running night: the chamber is brought to its safe state. `hil resume` carries on."""
     return _ask(folder, RequestKind.ABORT, why, wait)
 
 
-def confirm(
-    folder: Folder,
-    no: Annotated[bool, Option("--no", help="Refuse instead.")] = False,
-    text: Annotated[str, Option(help="The answer, where words are asked for.")] = "",
-    why: Why = "",
-    wait: Wait = _WAIT_S,
-) -> Answer:
+def confirm(folder: Path, no: bool = False, text: str = "", why: str = "", wait: float = _WAIT_S) -> Answer:
     """Answer the question that a running night asks its operator (`hil status` shows it)."""
     from hil.records.requests import standing_prompt
 
@@ -70,15 +59,7 @@ def _ask(
 
 
 def dashboard(
-    folder: Annotated[
-        Path, Argument(metavar="DIR_OR_FOLDER", help="A night's folder, or a folder of such folders: all are shown.")
-    ],
-    host: Annotated[
-        str, Option(help="Where to listen. Beyond this machine, reading takes the token too.")
-    ] = "127.0.0.1",
-    port: Annotated[int, Option(min=0, max=65535, help="0 takes a free one.")] = 8765,
-    token_file: Annotated[Path | None, Option(help="Keeps the token from one start to the next.")] = None,
-    archive: Annotated[Path | None, Option(envvar="HIL_ARCHIVE", help="Show its units, too.")] = None,
+    folder: Path, host: str = "127.0.0.1", port: int = 8765, token_file: Path | None = None, archive: Path | None = None
 ) -> None:
     """Show running and finished nights on a live page in the browser, until Ctrl-C. Nights go on without it."""
     from asyncio import CancelledError
@@ -104,10 +85,7 @@ def dashboard(
         server(create_app(watcher, access)).run(sockets=[listener])
 
 
-def notify(
-    bench: Annotated[str, Argument(help="A bench file, or the name of one that ships.")],
-    text: Annotated[str, Option(help="What to say.")] = "a trial message; nothing has happened",
-) -> int:
+def notify(bench: str, text: str = "a trial message; nothing has happened") -> int:
     """Send a trial message to everybody whom the nights of a bench would tell; say who could not be reached."""
     from hil.config import load_bench
     from hil.night.notify import Notifier

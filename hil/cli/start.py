@@ -8,9 +8,7 @@ import webbrowser
 from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
-from typing import Annotated, Any
-
-from typer import Argument, Option
+from typing import Any
 
 from hil.cli.ask import ask_words
 from hil.cli.output import messages, results
@@ -33,13 +31,13 @@ _FACES = {
 
 
 def init(
-    out: Annotated[Path, Argument(help="The bench file to write; must not exist yet.")] = Path("my-bench.yaml"),
-    chamber: Annotated[str, Option(help="Its controller, such as espec.")] = "",
-    chamber_port: Annotated[str, Option(help="/dev/ttyUSB1, COM3, socket://host:port.")] = "",
-    limits: Annotated[str, Option(help="What it may be set to: '-40 to 85 degC'.")] = "",
-    unit: Annotated[str, Option(help="The unit's frame description, such as stim300.")] = "",
-    unit_port: Annotated[str, Option(help="As --chamber-port.")] = "",
-    latitude: Annotated[str, Option(help="Of the bench: '59.9 deg'.")] = "",
+    out: Path = Path("my-bench.yaml"),
+    chamber: str = "",
+    chamber_port: str = "",
+    limits: str = "",
+    unit: str = "",
+    unit_port: str = "",
+    latitude: str = "",
 ) -> None:
     """Write a first bench file from six answers; what is not given is asked. Look it over, then hil check it."""
     from drivers.chambers import CHAMBER_DRIVERS
@@ -72,11 +70,7 @@ def init(
     results().print(f"bench: {out}; look at what is marked ASSUMED in it, then: hil check {out}")
 
 
-def docs(
-    topic: Annotated[str, Argument(help="A page's name, such as wire-a-chamber; index lists them.")] = "index",
-    site: Annotated[Path | None, Option(help="Write all pages as HTML below this folder.")] = None,
-    show: Annotated[bool, Option("--open", help="Show it in the browser.")] = False,
-) -> None:
+def docs(topic: str = "index", site: Path | None = None, show: bool = False) -> None:
     """Print a page of the documentation that came with the program; no network is needed."""
     from rich.markdown import Markdown
 

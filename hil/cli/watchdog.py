@@ -8,13 +8,11 @@ from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Annotated
-
-from typer import Option
+from typing import TYPE_CHECKING
 
 from drivers.clock import Clock, SystemClock
 from hil.cli.exit_status import Exit
-from hil.cli.output import Folder, messages
+from hil.cli.output import messages
 from hil.errors import InputError
 from hil.files.lock import LOCK_NAME
 from procedures.plan import Plan
@@ -30,11 +28,7 @@ _ANEW_S = 5.0  # between two starts: one that cannot start costs little
 
 
 def watchdog(
-    folder: Folder,
-    bench: Annotated[str | None, Option(help="Another way to the chamber than the night's own bench file.")] = None,
-    timeout: Annotated[float, Option(help="Seconds of silence that are borne.", min=2.0)] = 60.0,
-    kill: Annotated[bool, Option(help="Kill a controller that lives and is silent.")] = True,
-    nights: Annotated[bool, Option("--nights", help="DIR holds nights: wait for one to begin there.")] = False,
+    folder: Path, bench: str | None = None, timeout: float = 60.0, kill: bool = True, nights: bool = False
 ) -> int:
     """Watch a night from another process; bring its chamber to the safe state when its controller dies or hangs.
 
