@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from html import escape
 from typing import TYPE_CHECKING, Any
 
@@ -48,12 +48,18 @@ class Picture:
 
 @dataclass(frozen=True, repr=False)
 class Answer:
-    """One answer: its `document`, as `--json` prints it, the lines and tables that say it, and its picture, if any."""
+    """One answer: its `document`, as `--json` prints it, what its template knows `beside` it, its picture, if any."""
 
     document: Mapping[str, Any]
-    said: Callable[[], Iterable[str | Table]]
+    beside: Mapping[str, Any] = field(default_factory=dict)
     drawn: Callable[[int | None], Figure] | None = None
     status: int = 0
+
+    def _said(self) -> Iterable[str | Table]:
+        """Return the lines and tables that say the document."""
+        from hil.cli.told import lines_of  # a program that reads JSON waits for no template
+
+        return lines_of(self.document, self.beside)
 
     def show(self, *, as_json: bool) -> int:
         """Print the document, or what people read; return the command's exit status."""
@@ -61,19 +67,19 @@ class Answer:
             print_json(self.document)
             return self.status
         beside, console = messages(), results()
-        for each in self.said():
+        for each in self._said():
             (beside if isinstance(each, Aside) else console).print(each)
         return self.status
 
     def __repr__(self) -> str:
         console = Lasting(file=io.StringIO(), highlight=False, markup=False, soft_wrap=True, width=_WIDE)
         with console.capture() as text:
-            for each in self.said():
+            for each in self._said():
                 console.print(each)
         return text.get()
 
     def _repr_html_(self) -> str:
-        return "\n".join(_html(each) for each in self.said())
+        return "\n".join(_html(each) for each in self._said())
 
     def plot(self, sensor: int | None = None) -> Picture:
         """Return the answer's picture; `sensor` says whose where there are several.
@@ -116,17 +122,6 @@ class Answer:
             raise InputError(f"{schema} is no list of rows; use what is in .document")
         table = _TABLES[schema.partition("/")[0]]
         return list(table["levels"].items()), table["axes"]
-
-
-def told(document: Mapping[str, Any], **beside: Any) -> Callable[[], Iterable[str | Table]]:
-    """Return what says a document in the words of its template (`hil.cli.told`), which knows what is `beside` it."""
-
-    def said() -> Iterable[str | Table]:
-        from hil.cli.told import lines_of  # a program that reads JSON waits for no template
-
-        return lines_of(document, beside)
-
-    return said
 
 
 def _rows(level: Mapping[str, Any], path: _Path, above: Mapping[str, Any]) -> Iterator[dict[str, Any]]:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers.clock import SystemClock
-from hil.cli.answer import Answer, told
+from hil.cli.answer import Answer
 from hil.cli.exit_status import of_unit
 from hil.cli.output import PAGE, check_named, messages
 from hil.errors import InputError
@@ -44,8 +44,7 @@ def certificate(
     if pdf:
         write_pdf(path, path.with_suffix(".pdf"))
         written.append(path.with_suffix(".pdf"))
-    document = found.document
-    return Answer(document, told(document, written_to=written), status=of_unit(document["in_spec"], strict))
+    return Answer(found.document, {"written_to": written}, status=of_unit(found.document["in_spec"], strict))
 
 
 def archive(
@@ -88,7 +87,7 @@ def archive(
         "not_taken_up": refused,
         **done,
     }
-    return Answer(document, told(document), status=4 if refused or done["cannot_be_read"] else 0)
+    return Answer(document, status=4 if refused or done["cannot_be_read"] else 0)
 
 
 def units(archive: Path | None = None, csv_file: Path | None = None) -> Answer:
@@ -100,8 +99,7 @@ def units(archive: Path | None = None, csv_file: Path | None = None) -> Answer:
     if csv_file is not None:
         _write_csv(csv_file, rows)
     simulated = any(each["simulated"] for each in rows)
-    document = {"schema": "hil.units/1", "simulated": simulated, "units": rows, "said": behind}
-    return Answer(document, told(document))
+    return Answer({"schema": "hil.units/1", "simulated": simulated, "units": rows, "said": behind})
 
 
 def history(
@@ -137,7 +135,7 @@ def history(
         from hil.campaign.writer import write_campaign
 
         write_campaign(life(folder, [each["entry"] for each in document["campaigns"] if each["used"]]), out)
-    return Answer(document, told(document, written_to=list(filter(None, (csv_file, page, out)))))
+    return Answer(document, {"written_to": list(filter(None, (csv_file, page, out)))})
 
 
 def _rows(document: Mapping[str, Any]) -> Iterator[dict[str, Any]]:

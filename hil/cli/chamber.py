@@ -9,7 +9,7 @@ import sys
 from typing import TYPE_CHECKING, Literal
 
 from drivers.errors import CommandRefused, DeviceError
-from hil.cli.answer import Answer, told
+from hil.cli.answer import Answer
 from hil.cli.ask import must_agree
 from hil.cli.coefficients import quantity
 from hil.cli.output import messages, warn
@@ -76,7 +76,7 @@ def chamber(
                 "model": device.identify().model,
                 **picked(device.read(), _READ),
             }
-            Answer(document, told(document)).show(as_json=as_json)
+            Answer(document).show(as_json=as_json)
     return left.exit_status(0)
 
 

@@ -33,7 +33,7 @@ def check(target: str, bench: str | None = None, sweep: str | None = None) -> An
     status = Exit.DONE if good else Exit.STOPPED_SAFE
     if any(is_missing(port) for _, port in ports_of(on)):
         status = Exit.BAD_INPUT
-    return Answer(document, lambda: [on.name + "  SIMULATED" * on.simulated, *_in_words(found)], status=status)
+    return Answer(document, {"bench": on.name, "lines": list(_in_words(found))}, status=status)
 
 
 def look_first(sweep: Sweep, bench: Bench, folder: Path, despite: str, done: Collection[str] = ()) -> list[str]:

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hil.cli.answer import Answer, told
+from hil.cli.answer import Answer
 from hil.cli.data import read_source
 from hil.cli.exit_status import Exit
 from hil.cli.output import check_result_folder, warn
@@ -74,16 +74,14 @@ def allan(
     )
     if out is not None:
         save_figure(draw(result), out)
-    document = result.document(collect_s, wanted)
-    return Answer(document, told(document, out=out), lambda _: draw(result))
+    return Answer(result.document(collect_s, wanted), {"out": out}, lambda _: draw(result))
 
 
 def audit(name: Path) -> Answer:
     """Check every identity in a published table: what does not close, by how much, which reading would mend it."""
     from hil.analysis.published.audit import Audit
 
-    document = Audit(name).document()
-    return Answer(document, told(document))
+    return Answer(Audit(name).document())
 
 
 def thermal(
@@ -102,7 +100,6 @@ def thermal(
         check_result_folder(out, "thermal.json", of=campaign)
     result = fit_thermal(campaign, model, highest_order=highest_order, apart_degC=apart_degC)
     written = [] if out is None else write_thermal(result, out)
-    document = thermal_document(result)
 
     def drawn(sensor: int | None) -> Figure:
         from hil.analysis.thermal.files import draw_fit
@@ -111,7 +108,7 @@ def thermal(
         return draw_fit(result.of(which_sensor(source, campaign, sensor)), campaign)
 
     status = Exit.INCOMPLETE if result.not_fitted else Exit.DONE
-    return Answer(document, told(document, out=out, written_to=written), drawn, status)
+    return Answer(thermal_document(result), {"out": out, "written_to": written}, drawn, status)
 
 
 def reproduce(source: Path, sensor: int = 2) -> Answer:
@@ -119,8 +116,7 @@ def reproduce(source: Path, sensor: int = 2) -> Answer:
     from hil.analysis.published.reproduction import reproduce as give_again
 
     campaign = read_source(source)
-    document = give_again(campaign, sensor)
-    return Answer(document, told(document, campaign=campaign))
+    return Answer(give_again(campaign, sensor), {"campaign": campaign})
 
 
 def budget(
@@ -159,7 +155,7 @@ def budget(
         document = budget_document(
             planned_scenes(sweep, its_bench, chosen), sweep.title, asked, simulated=its_bench.simulated
         )
-    return Answer(document, told(document))
+    return Answer(document)
 
 
 def _bench_of(folder: Path) -> Any:
@@ -215,7 +211,7 @@ def design(
     document = design_document(proposal, asked, base, its_bench)
     if out is not None:
         write_sweep(proposal, base, its_bench, out, "hil " + shlex.join(sys.argv[1:]))
-    return Answer(document, told(document, out=out))
+    return Answer(document, {"out": out})
 
 
 def _scatter_of(folder: str, bench: Bench) -> dict[int, UnitScatter]:
@@ -235,5 +231,4 @@ def scatter(source: Path) -> Answer:
     """Tell what makes repeats scatter: noise, the bias, MU, base, cold; or say that they cannot tell."""
     from hil.reconcile.scattering import what_scatters
 
-    document = what_scatters(read_source(source)).document()
-    return Answer(document, told(document))
+    return Answer(what_scatters(read_source(source)).document())

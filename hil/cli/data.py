@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from hil.cli.answer import Answer, told
+from hil.cli.answer import Answer
 from hil.cli.exit_status import Exit, of_unit
 from hil.cli.output import PAGE, check_named, messages, results, warn
 from hil.errors import InputError
@@ -169,8 +169,8 @@ def solve(
 
     shown = {number: each.sentences() for number, each in repeats(campaign, solutions).items()}
     why, notes = list(reasons(solutions)), campaign.notes.splitlines()
-    said = told(document, reasons=why, notes=notes, repeats=shown, of_all=of_all)
-    return Answer(document, said, drawn, of_unit(document["in_spec"], strict))
+    beside_it = {"reasons": why, "notes": notes, "repeats": shown, "of_all": of_all}
+    return Answer(document, beside_it, drawn, of_unit(document["in_spec"], strict))
 
 
 def export(folder: Path, out: Path, form: Format | None = None, fleet: bool = False) -> None:
@@ -202,8 +202,7 @@ def replay(folder: Path) -> Answer:
     from hil.night.replay import replay_night
 
     document = replay_night(folder)
-    said = told(document, folder=folder)
-    return Answer(document, said, status=Exit.DONE if document["identical"] else Exit.INCOMPLETE)
+    return Answer(document, {"folder": folder}, status=Exit.DONE if document["identical"] else Exit.INCOMPLETE)
 
 
 def _plot(out: Path, draw: Callable[[], Figure]) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 
 from rich.progress import Progress
 
-from hil.cli.answer import Answer, told
+from hil.cli.answer import Answer
 from hil.cli.data import read_source
 from hil.cli.output import check_named, check_result_folder, messages
 from hil.errors import InputError
@@ -65,7 +65,7 @@ def reconcile(
         "errors": errors_in_words(result),
         "of_few": of_few(draws),
     }
-    return Answer(document, told(document, warnings=data.warnings, result=result, out=out, **said, **words))
+    return Answer(document, {"warnings": data.warnings, "result": result, "out": out, **said, **words})
 
 
 def fleet(
@@ -88,8 +88,8 @@ def fleet(
     for path, write in ((out, fleet_page), (csv, fleet_csv)):
         if path is not None:
             write_result(path, write(found))
-    document = fleet_document(found)
-    return Answer(document, told(document, found=list(fleet_sentences(found)), written=list(filter(None, (out, csv)))))
+    written = list(filter(None, (out, csv)))
+    return Answer(fleet_document(found), {"found": list(fleet_sentences(found)), "written": written})
 
 
 def _values(parameters: Sequence[Mapping[str, Any]]) -> Iterator[str]:
@@ -114,7 +114,7 @@ def twin(campaign: Path, model: str, draws: int = 20, seed: int = 1, out: Path |
     check_result_folder(keep)
     with _bar(draws) as done:
         document = likeness(campaign, model, keep=keep, draws=draws, seed=seed, done=done)
-    return Answer(document, told(document, keep=keep, level=APART, of_few=of_few(draws)))
+    return Answer(document, {"keep": keep, "level": APART, "of_few": of_few(draws)})
 
 
 @contextmanager
@@ -153,12 +153,11 @@ def visibility(source: str, bench: str | None = None, model: str | None = None) 
         document = campaign_document(read_source(Path(source)), chosen)
     else:
         document = sweep_document(load_sweep(source), load_bench(bench or "simulated"), chosen)
-    return Answer(document, lambda: [visibility_text(document)])
+    return Answer(document, {"text": visibility_text(document)})
 
 
 def effects() -> Answer:
     """List the catalogue: every effect that the twin can simulate and reconcile can name."""
     from hil.model.effects.document import effects_document
 
-    document = effects_document()
-    return Answer(document, told(document))
+    return Answer(effects_document())

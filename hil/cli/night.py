@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from drivers.clock import SystemClock
 from drivers.given_file import check_folder
 from drivers.strict_yaml import parse_yaml
-from hil.cli.answer import Answer, told
+from hil.cli.answer import Answer
 from hil.cli.ask import TerminalQuestions, ask_words, must_agree
 from hil.cli.check import check as check
 from hil.cli.check import look_first
@@ -54,7 +54,7 @@ def plan(sweep: str, bench: str) -> Answer:
         "self_calibrations": len(steps.self_calibrations),
         "steps": [{**vars(step), "kind": step.kind.value, "parameters": dict(step.parameters)} for step in steps.steps],
     }
-    return Answer(document, told(document, bench=on.name, steps=steps.steps, **{each.__name__: each for each in words}))
+    return Answer(document, {"bench": on.name, "steps": steps.steps, **{each.__name__: each for each in words}})
 
 
 def run(
@@ -213,8 +213,8 @@ def verify(folder: Path, key: Path | None = None) -> Answer:
     problems, whole = document["problems"], document["complete"] and not document["problems"]
     lacking = in_brief([each.removeprefix(MISSING) for each in problems if each.startswith(MISSING)])
     wrong = [each for each in problems if not each.startswith(MISSING)]
-    said = told(document, folder=folder, wrong=wrong, lacking=lacking)
-    return Answer(document, said, status=Exit.DONE if whole else Exit.INCOMPLETE)
+    beside = {"folder": folder, "wrong": wrong, "lacking": lacking}
+    return Answer(document, beside, status=Exit.DONE if whole else Exit.INCOMPLETE)
 
 
 def repair(folder: Path, out: Path) -> Answer:
@@ -223,7 +223,7 @@ def repair(folder: Path, out: Path) -> Answer:
     from hil.records.requests import who_asks
 
     document = repair_night(folder, out, who_asks())
-    return Answer(document, told(document), status=Exit.INCOMPLETE if document["lost"] else Exit.DONE)
+    return Answer(document, status=Exit.INCOMPLETE if document["lost"] else Exit.DONE)
 
 
 def demo(out: Path = Path("demo"), quiet: bool = False) -> int:

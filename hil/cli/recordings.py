@@ -6,7 +6,7 @@ from typing import Any
 from typer.core import TyperGroup
 
 from drivers.strict_yaml import parse_value
-from hil.cli.answer import Answer, told
+from hil.cli.answer import Answer
 from hil.cli.coefficients import quantity, sample_rate_hz
 from hil.cli.exit_status import Exit
 from hil.cli.output import messages, results, warn
@@ -23,7 +23,7 @@ def decode(
 
     description = load_frames_named(frames, parameters=frame_parameters(settings), sample_rate_hz=rate)
     document = decode_file(file, description, out=out)
-    return Answer(document, told(document), status=Exit.DONE if document["frames"] else Exit.INCOMPLETE)
+    return Answer(document, status=Exit.DONE if document["frames"] else Exit.INCOMPLETE)
 
 
 def check(description: str, settings: list[str] | None = None) -> None:
@@ -40,7 +40,7 @@ def guess(capture: Path, out: Path | None = None) -> Answer:
     document = guess_file(capture)
     if out is not None and document["description"] is not None:
         write_result(out, document["description"])
-    return Answer(document, told(document, checksum=checksum_in_words(document.get("checksum"))))
+    return Answer(document, {"checksum": checksum_in_words(document.get("checksum"))})
 
 
 def frame_parameters(settings: list[str] | None) -> dict[str, Any]:
@@ -123,5 +123,4 @@ def log(
     read = read_log(recorded, columns, scales, labels=labels, rate_hz=rate_hz)
     made = campaign_of_log(read, test, latitude_deg=latitude_deg)
     write_log_campaign(made, out)
-    document = {**made.document, "campaign": str(out)}
-    return Answer(document, told(document))
+    return Answer({**made.document, "campaign": str(out)})

@@ -48,14 +48,8 @@ def _ask(
     row = wait_for_answer(folder, number, wait_s)
     asked = {"number": number, "kind": kind.value, "who": row.who, "why": row.why}
     document = {"schema": "hil.request/1", **asked, "accepted": row.accepted, "answer": row.answer}
-    said = f"{folder}: {kind.value}: {'' if row.accepted else 'refused: '}{row.answer}"
-    if row.accepted is None:
-        said = (
-            f"{folder}: {kind.value} is asked for, and not answered after {wait_s:g} s. It will be acted upon when the "
-            f"controller next looks; if hil status {folder} shows no sign of life, hil watchdog {folder} ends it safely"
-        )
     status = {None: Exit.INCOMPLETE, True: Exit.DONE, False: Exit.FAILED}[row.accepted]
-    return Answer(document, lambda: [*([question] if question else []), said], status=status)
+    return Answer(document, {"folder": folder, "wait_s": wait_s, "question": question}, status=status)
 
 
 def dashboard(

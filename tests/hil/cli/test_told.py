@@ -7,8 +7,8 @@ import io
 import pytest
 from rich.table import Table
 
-from hil.cli.answer import told
 from hil.cli.output import Aside, Lasting, listing
+from hil.cli.told import lines_of
 from procedures.words import harmless
 
 _NOISE = {
@@ -28,7 +28,7 @@ def _scatter(title: str, sentence: str = "they cannot tell") -> list[str | Table
         "noise": [_NOISE],
         "sentences": [sentence],
     }
-    return list(told(document)())
+    return list(lines_of(document, {}))
 
 
 def test_lines_and_tables_come_in_the_order_of_the_template() -> None:
@@ -42,7 +42,7 @@ def test_lines_and_tables_come_in_the_order_of_the_template() -> None:
 def test_what_goes_beside_the_answer_is_no_line_of_it() -> None:
     """It stands where the template has it, and is known for what it is."""
     document = {"schema": "hil.fleet/1", "said": ["row 3 is odd"], "not_screened": [], "units": []}
-    beside, sentence = told(document, found=["0 of 0 units"], written=[])()
+    beside, sentence = lines_of(document, {"found": ["0 of 0 units"], "written": []})
     assert (beside, sentence) == ("warning: row 3 is odd", "0 of 0 units")
     assert (isinstance(beside, Aside), isinstance(sentence, Aside)) == (True, False)
 
