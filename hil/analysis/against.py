@@ -254,7 +254,6 @@ def _same_place(now: Collects, before: Collects) -> Iterator[tuple[_Place, Float
 
 
 def _sites(now: Mapping[str, float], before: Mapping[str, float]) -> Iterator[str]:
-    """Yield where the two campaigns say that they were taken at other places."""
     for key, far in _PLACES.items():
         if key in now and key in before and abs(now[key] - before[key]) > far:
             what = key.removesuffix("_deg")

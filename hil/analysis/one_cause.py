@@ -107,7 +107,6 @@ def looks_like(number: int, differ: Differ, earlier: Campaign, shown: SensorRepe
 
 
 def _causes(number: int, differ: Differ, earlier: Campaign, shown: SensorRepeats) -> Iterator[_Cause]:
-    """Yield what may move values of a sensor together."""
     units = dict(zip(shown.names, shown.units, strict=True))
     names = np.array([name for name, _ in differ.places])
     for name in dict.fromkeys(names.tolist()):

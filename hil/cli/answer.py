@@ -56,7 +56,6 @@ class Answer:
     status: int = 0
 
     def _said(self) -> Iterable[str | Table]:
-        """Return the lines and tables that say the document."""
         from hil.cli.told import lines_of  # a program that reads JSON waits for no template
 
         return lines_of(self.document, self.beside)

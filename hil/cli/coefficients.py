@@ -193,7 +193,6 @@ def design(
         check_new(out)
     time_s = None if within is None else quantity("--within", within, TIME)
     showing = scatter_of_unit or ()
-    shown = {n: of for text in showing if Path(text).is_dir() for n, of in _scatter_of(text, its_bench).items()}
     asked = Goal(
         dict(parse_target(text) for text in goal or ()),
         drift_immune,
@@ -203,9 +202,7 @@ def design(
         tuple(sensor or ()),
         repeats,
         dict(parse_target(text) for text in showing if not Path(text).is_dir()),
-        {n: of.sizes for n, of in shown.items()},
-        {n: of.lasting for n, of in shown.items()},
-        {n: of.at_most for n, of in shown.items()},
+        {n: of for text in showing if Path(text).is_dir() for n, of in _scatter_of(text, its_bench).items()},
     )
     proposal = propose(base, its_bench, asked)
     document = design_document(proposal, asked, base, its_bench)

@@ -79,7 +79,8 @@ def run(
 
     asked, on = load_sweep(sweep), load_bench(bench)
     on = _of_unit(on, serial, out, attended=not yes and sys.stdin.isatty())
-    folder = _folder(out, on)
+    shown = re.sub(r"[^\w.+-]+", "-", "-".join(list(on.units) or [on.unit.serial]))[:_LONGEST_SERIALS]
+    folder = Path(out.replace("{date}", f"{SystemClock().utc():%Y-%m-%d}").replace("{serial}", shown))
     refuse_existing(folder)
     clock_of(on, speed=speed)
     wrong = look_first(asked, on, folder, despite)
@@ -103,12 +104,6 @@ def _of_unit(bench: Bench, serial: str | None, out: str, *, attended: bool) -> B
         if named or bench.clock == "virtual":
             serial = ask_words("Type or scan the serial number of the unit")
     return bench if serial is None else bench.of_unit(serial)
-
-
-def _folder(name: str, bench: Bench) -> Path:
-    serials = list(bench.units) or [bench.unit.serial]
-    shown = re.sub(r"[^\w.+-]+", "-", "-".join(serials))[:_LONGEST_SERIALS]
-    return Path(name.replace("{date}", f"{SystemClock().utc():%Y-%m-%d}").replace("{serial}", shown))
 
 
 def resume(

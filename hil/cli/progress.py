@@ -39,17 +39,14 @@ class LineProgress(Progress):
         self._elapsed_s = 0.0
 
     def sweep_began(self, plan: Plan, done: frozenset[str]) -> None:
-        """Say how much there is to do."""
         rest = f", {len(done)} done before" if done else ""
         self._line(f"{plan.title}: {len(plan.steps)} steps{rest}, {hours_minutes(plan.total_s)} planned")
 
     def step_began(self, step: Step, attempt: int) -> None:
-        """Say only what is done again."""
         if attempt > 1:
             self._line(f"again (attempt {attempt}): {step_in_words(step)}")
 
     def update(self, snapshot: Snapshot) -> None:
-        """Keep the time."""
         self._elapsed_s = snapshot.elapsed_s
 
     def step_ended(self, step: Step, result: StepResult) -> None:
@@ -60,7 +57,6 @@ class LineProgress(Progress):
         self._line(f"{step_in_words(step)}: {result.outcome.value.lower()}{reason}")
 
     def event(self, kind: str, message: str, at_s: float) -> None:
-        """Say what happened."""
         self._elapsed_s = at_s
         self._line(f"{kind}: {message}")
 
@@ -79,22 +75,18 @@ class TerminalProgress(Progress):
         self._live = Live(console=console, get_renderable=self.drawn, refresh_per_second=4, transient=True)
 
     def sweep_began(self, plan: Plan, done: frozenset[str]) -> None:
-        """Begin to draw."""
         self._title = plan.title if not done else f"{plan.title} (resumed, {len(done)} steps were done)"
         self._live.start()
 
     def update(self, snapshot: Snapshot) -> None:
-        """Keep the newest state; the panel draws itself."""
         self._snapshot = snapshot
 
     def step_ended(self, step: Step, result: StepResult) -> None:
-        """Leave a line above the panel for what did not go as planned."""
         if result.outcome is not Outcome.DONE:
             at_s = self._snapshot.elapsed_s if self._snapshot else 0.0
             self._say(f"{step_in_words(step)}: {result.outcome.value}, {result.reason}", at_s)
 
     def event(self, kind: str, message: str, at_s: float) -> None:
-        """Leave a line above the panel."""
         self._say(f"{kind}: {message}", at_s)
 
     def close(self) -> None:

@@ -187,6 +187,5 @@ def _first(line: str) -> str:
 
 
 def _asked(status: dict[str, Any]) -> list[str]:
-    """Return what waits for somebody: a question, or a pause."""
     prompt, paused = status["prompt"], status["paused"]
     return [f"ASKS: {prompt['question']}"] if prompt else [f"paused by {paused['by']}"] if paused else []

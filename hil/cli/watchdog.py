@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -42,7 +41,9 @@ def watchdog(
     stop = StopRequest()
     with TemporaryDirectory(prefix="hil-watchdog-") as named_files, stop.on_signals():
         while nights and not stop.requested:
-            folder, nights = next(((each, False) for each in _begun(folder)), (folder, True))
+            # A controller that ends takes its name off its lock; one at work, or dead, has it there.
+            begun = (each.parent for each in folder.glob(f"*/{LOCK_NAME}") if each.stat().st_size)
+            folder, nights = next(((each, False) for each in begun), (folder, True))
             SystemClock().sleep(_LOOK_S)
         if nights:
             return Exit.DONE
@@ -54,11 +55,6 @@ def watchdog(
         watched = _watch(folder, on, timeout, kill=kill, stop=stop)
     _say(watched.message)
     return watched.exit_status
-
-
-def _begun(folder: Path) -> Iterator[Path]:
-    """Yield the nights in `folder` whose controller is at work, or died: one that ends takes its name off its lock."""
-    return (lock.parent for lock in folder.glob(f"*/{LOCK_NAME}") if lock.stat().st_size)
 
 
 def _watch(folder: Path, on: Bench, timeout: float, *, kill: bool, stop: StopRequest) -> Watched:
@@ -96,7 +92,6 @@ class WatchdogBeside(Progress):
         self._started_s = 0.0
 
     def sweep_began(self, plan: Plan, done: frozenset[str]) -> None:  # noqa: ARG002 - an onlooker's
-        """Start it, in a session of its own."""
         self._start()
 
     def update(self, snapshot: Snapshot) -> None:  # noqa: ARG002 - an onlooker's

@@ -46,7 +46,6 @@ def planned_conditions(plan: Plan, bench: Bench) -> dict[int, Conditions]:
 
 
 def _of_the_stream(columns: Mapping[str, FloatArray], bench: Bench, number: int) -> dict[str, FloatArray]:
-    """Leave out what the unit's stream does not have."""
     if (roles := bench.frames.roles) is None:
         return dict(columns)
     own = roles.sensors.get(number)

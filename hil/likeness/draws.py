@@ -209,7 +209,6 @@ def _drawn(
     alike: str,
     number: int,
 ) -> dict[str, float]:
-    """Return the numbers of a draw, simulated; the folder keeps them."""
     rng = np.random.default_rng([seed, number])
     values = drawn_model(model, campaign, form, rng, calibrated=calibrated)
     with tempfile.TemporaryDirectory(prefix="hil-") as name:

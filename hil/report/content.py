@@ -252,7 +252,6 @@ def cannot_tell(content: ReportContent) -> list[str]:
 
 
 def _site(content: ReportContent) -> Iterator[str]:
-    """Say how wrong the site may be without showing in these collects."""
     unseen = {name: least for name, least in smallest_seen_deg(content.campaign).items() if least > _UNSEEN_DEG}
     if unseen:
         below = [

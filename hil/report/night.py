@@ -38,22 +38,12 @@ _SILENT_S, _SILENT_POINTS = 300.0, 5.0
 
 
 @dataclass(frozen=True)
-class Margin:
-    """How near a night came to one of its limits: what, where, how large it was, the limit, and their ratio."""
-
-    what: str
-    where: str
-    value: str
-    limit: str
-    used: float
-
-
-@dataclass(frozen=True)
 class NightContent:
     """What only a journal knows. `events` are (UTC, kind, message), `event_hours` (e,) when they were.
 
     `soaks` are the restabilisations that ended: when, how long each waited, and which criterion was the last to be met;
-    `collects` those that count: when, where, and what the stream brought, with the decoder's `counts`.
+    `collects` those that count: when, where, and what the stream brought, with the decoder's `counts`; `margins` how
+    near it came to its limits: what, where, how large it was, the limit, and which share of it was used.
     """
 
     state: str
@@ -73,7 +63,7 @@ class NightContent:
     soaks: Sequence[dict[str, Any]] = ()
     collects: Sequence[dict[str, Any]] = ()
     rejected: Sequence[tuple[str, str, str]] = ()  # UTC, what, why
-    margins: Sequence[Margin] = ()  # the smallest first
+    margins: Sequence[dict[str, Any]] = ()  # the smallest first
     vocabulary: str = "plain"
     provenance: Sequence[tuple[str, str]] = ()
     files: Sequence[tuple[str, int, str]] = ()  # path, bytes, SHA-256
@@ -105,7 +95,7 @@ def night_content(folder: Path) -> NightContent:
             temperatures=series,
             soaks=[_soak(step, attempt) for step, attempt in ended if step.kind is StepKind.RESTABILISE],
             collects=[_collect(journal, step, each) for step, each in ended if step.kind is StepKind.COLLECT],
-            margins=sorted(_margins(ended), key=lambda each: -each.used),
+            margins=sorted(_margins(ended), key=lambda each: -each["used"]),
             vocabulary=str(understood(journal.night.configuration).get("sweep", {}).get("vocabulary", "plain")),
             rejected=_rejected(journal, going_on=status["state"] in WORKING),
             provenance=night_provenance(journal, identity),
@@ -188,14 +178,15 @@ def _where(step: Step) -> dict[str, Any]:
     return {"run": step.self_calibration or 0, "temperature_degC": math.nan if at is None else at}
 
 
-def _margins(ended: Sequence[tuple[Step, Attempt]]) -> Iterator[Margin]:
+def _margins(ended: Sequence[tuple[Step, Attempt]]) -> Iterator[dict[str, Any]]:
     """Yield of each limit that has a number in the records the place that came nearest to it."""
     soaks = [each for each in ended if each[0].kind is StepKind.RESTABILISE and each[0].parameters.get("ceiling_s")]
     if soaks:
         step, attempt = max(soaks, key=lambda each: each[1].data.get("waited_s") or 0.0)
         waited_s, ceiling_s = float(attempt.data.get("waited_s") or 0.0), step.parameters["ceiling_s"]
         where, value = step_in_words(step), hours_minutes(waited_s)
-        yield Margin("longest restabilisation", where, value, hours_minutes(ceiling_s), waited_s / ceiling_s)
+        most, used = hours_minutes(ceiling_s), waited_s / ceiling_s
+        yield {"what": "longest restabilisation", "where": where, "value": value, "limit": most, "used": used}
     drifts, lost = [], []
     for step, attempt in ended:
         if step.kind is not StepKind.COLLECT:
@@ -215,11 +206,13 @@ def _margins(ended: Sequence[tuple[Step, Attempt]]) -> Iterator[Margin]:
                 drifts.append((*min(found), f"sensor {number} {channel}", step))
     if drifts:
         used, value, most, channel, step = max(drifts, key=lambda each: each[0])
-        yield Margin("drift within a collect", f"{step_in_words(step)}, {channel}", value, most, used)
+        where = f"{step_in_words(step)}, {channel}"
+        yield {"what": "drift within a collect", "where": where, "value": value, "limit": most, "used": used}
     if lost:
         used, there, step = max(lost, key=lambda each: each[0])
         least = f"{step.parameters['minimum_fraction']:.0%} at least".replace("%", " %")
-        yield Margin("samples of a collect", step_in_words(step), f"{math.floor(1e3 * there) / 10:g} %", least, used)
+        value, where = f"{math.floor(1e3 * there) / 10:g} %", step_in_words(step)
+        yield {"what": "samples of a collect", "where": where, "value": value, "limit": least, "used": used}
 
 
 def _rejected(journal: JournalReader, *, going_on: bool) -> list[tuple[str, str, str]]:

@@ -44,6 +44,10 @@ class AllanResult:
         deviation = fit.deviation
         logs = np.log(deviation.deviation), np.log(deviation.tau_s)
         slope = np.gradient(*logs) if len(deviation.tau_s) > 1 else np.zeros(1)  # in a log-log plot, from neighbours
+        undescribed = (
+            f"the four terms do not describe this record (misfit {fit.misfit:.3g} times what chance allows): "
+            f"fitted from {fit.fitted_from_s:g} s with a model error of {fit.model_error:.0%} allowed for"
+        )
         return {
             "schema": SCHEMA,
             **picked(found, "source=name simulated"),
@@ -70,18 +74,8 @@ class AllanResult:
                 "wanted_needs_s": None if wanted_deg_per_hr is None else read.reach_s(wanted_deg_per_hr),
             },
             "summary": in_words(read, collect_s, wanted_deg_per_hr),
-            "notes": self.notes(),
+            "notes": [*found.notes, *([] if fit.describes else [undescribed])],
         }
-
-    def notes(self) -> list[str]:
-        """Say what a reader of the numbers must know."""
-        said = list(self.recording.notes)
-        if not self.fit.describes:
-            said.append(
-                f"the four terms do not describe this record (misfit {self.fit.misfit:.3g} times what chance allows): "
-                f"fitted from {self.fit.fitted_from_s:g} s with a model error of {self.fit.model_error:.0%} allowed for"
-            )
-        return said
 
 
 def _term(name: str, term: Term) -> dict[str, Any]:

@@ -157,7 +157,6 @@ def _series(log: Log, stretch: Stretch) -> Series:
 
 
 def _check_size(log: Log, mean_g: FloatArray) -> None:
-    """Refuse accelerations that are not in g: nothing at rest shows another size."""
     size = float(np.median(np.linalg.norm(mean_g, axis=1)))
     low, high = F_LIMITS_G
     if not low <= size <= high:
@@ -207,7 +206,6 @@ def _positions(log: Log, stretches: Sequence[Stretch], f_g: FloatArray) -> tuple
 
 
 def _calibration_in_words(fitted: Accelerometers, n: int) -> list[str]:
-    """Say what the poses tell of the accelerometers, and what not."""
     said = []
     lacking = [name for name, of in fitted.rows().items() if not of["told"]]
     if lacking:

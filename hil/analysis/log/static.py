@@ -134,7 +134,6 @@ def _runs(quiet: BoolArray, segment: IntArray) -> Iterator[tuple[int, int]]:
 
 
 def _motion(log: Log, windows: _Windows, ratio: FloatArray, at: int) -> str:
-    """Say what the window `at`, which is not quiet, shows."""
     row, worst = log.row[windows.first[at]], int(np.argmax(ratio[at]))
     if windows.frozen[at]:
         return f"row {row}: the stream stands still"

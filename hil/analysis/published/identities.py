@@ -67,7 +67,9 @@ def identities_of_1(row: PrintedRow, resolution: float | None, runs: int | None)
             f"sigma triangle |sC - sM| <= s{mu} <= sC + sM",
             "sigma triangle",
             sigmas,
-            lambda v: _triangle(*(v[role] for role in sigmas)),
+            lambda v: max(
+                abs(v[sigmas[0]] - v[sigmas[1]]) - v[sigmas[2]], v[sigmas[2]] - (v[sigmas[0]] + v[sigmas[1]]), 0.0
+            ),
             lambda v: _PRINTED_RUNS * digit,  # noqa: ARG005 - every tolerance is asked in the same way
             linear=False,
         )
@@ -143,10 +145,6 @@ def rounding(row: PrintedRow, roles: tuple[str, ...], gap: Callable[[Values], fl
         half = row.cells[role].half_digit
         total += abs(gap({**values, role: values[role] + half}) - here)
     return total
-
-
-def _triangle(contractor: float, matrix: float, mu: float) -> float:
-    return max(abs(contractor - matrix) - mu, mu - (contractor + matrix), 0.0)
 
 
 def _off_pattern(v: Values) -> float:

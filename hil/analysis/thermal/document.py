@@ -1,5 +1,6 @@
 """The result of `hil thermal` as one document (schema hil.thermal/1), and its findings in words."""
 
+from functools import cache
 from typing import Any
 
 from hil.analysis.thermal.choice import FALSE_ALARM, Improvement
@@ -7,17 +8,13 @@ from hil.analysis.thermal.estimate import Estimates
 from hil.analysis.thermal.fit import DESCRIBES, ParameterFit, SensorFit, ThermalFit
 from hil.campaign.stand_ins import temperature_of
 from hil.files.document import picked, plain
+from hil.files.page import templates
 from hil.solve.document import not_solved
 from hil.solve.omissions import what_is_wrong
 from hil.solve.uncertain import CONFIDENCE
 from procedures.words import counted, listed, percent, significant
 
 SCHEMA = "hil.thermal/1"
-_NOT_SHOWN = "modelling against temperature is not shown to predict a temperature that was left out"
-_BY_REPEATS = " by its repeats"
-_OTHERWISE = (
-    "; hil reconcile may show more, for it foretells runs at temperatures that others have, and knows what is typical"
-)
 _HARDLY = 0.1  # of what rates are wrong by with constants: who takes less away has hardly improved a unit
 
 
@@ -116,79 +113,17 @@ def _improvement(found: Improvement) -> dict[str, Any]:
 
 def parameter_in_words(each: ParameterFit) -> str:
     """Say what was found about one parameter."""
-    errors, unit = each.choice.errors, each.unit
-    if each.finding == "constant":
-        largest = f"{significant(each.largest_change)} {unit}"
-        few = (
-            f"; it changes by {significant(each.sigmas)} of its standard errors, but {counted(each.repeats, 'repeat')} "
-            f"{'does' if each.repeats == 1 else 'do'} not tell noise well enough to call that more than chance: repeat "
-            "runs at a temperature (hil reconcile, which takes for noise what is typical, may call it dependent)"
-        )
-        return (
-            f"not shown{_BY_REPEATS * each.repeated} to depend on temperature (p = {each.p_value:.2g}, "
-            f"{counted(each.together, 'parameter')} asked together): a straight line changes less than {largest}"
-            f"{few * bool(each.sigmas)}"
-        )
-    if each.finding == "undescribed":
-        cubic = f"; a cubic {errors['cubic']:.3g}" if "cubic" in errors else ""
-        chance = each.choice.chance_of_constant
-        alone = f" (p = {chance:.2g} of this parameter alone)" if chance > FALSE_ALARM else ""
-        return (
-            "differs between temperatures beyond its noise, but no curve is shown to predict one left out better"
-            f"{alone}: a constant misses it by {errors['constant']:.3g} {unit}{cubic}"
-        )
-    words = (
-        f"{each.form}: it misses a temperature that was left out by {errors[each.form]:.3g} {unit}, a constant by "
-        f"{errors['constant']:.3g}"
-    )
-    if each.improvement.chosen_anew:
-        anew = f"; where the form, too, is chosen without that temperature, by {each.improvement.modelled:.3g}"
-        words += anew + (": confirmed" if each.is_confirmed else ": not confirmed")
-    if each.chance_form is not None and each.chance_form < DESCRIBES:
-        words += "; the curve does not go through all values within their noise: its standard errors include that"
-    return words
+    return str(_words().parameter(each))
 
 
 def verdict_in_words(fit: SensorFit) -> str:
     """Say whether modelling in software improves the unit, by how much, and with what confidence."""
-    found, noise = fit.improvement, fit.rate_noise_deg_per_hr
-    scatter = "what one collect scatters by is not known"
-    if noise is not None:
-        scatter = f"one collect scatters by {noise:.3g} deg/hr"
-    numbers = (
-        f"rates at a temperature that was left out are wrong by {found.constant:.3g} deg/hr with constants and by "
-        f"{found.modelled:.3g} deg/hr with the curves ({_less(found.share)}; {_less(found.low)} to "
-        f"{_less(found.high)} with the temperatures drawn again); {scatter}"
-        f"{_confirmed(fit)}"
-    )
-    differing = [name for name, each in fit.parameters.items() if each.finding not in ("constant", "modelled")]
-    differ = ""
-    if differing:
-        do = "differs" if len(differing) == 1 else "differ"
-        differ = f"{listed(differing)} {do} between temperatures, but no curve is shown to foretell one"
-    if all(each.choice.form.order == 0 for each in fit.parameters.values()):
-        repeated = any(each.repeated for each in fit.parameters.values())
-        reason = differ or f"no parameter is shown to depend on temperature{_BY_REPEATS * repeated}"
-        return f"{_NOT_SHOWN}: {reason}; rates there are wrong by {found.constant:.3g} deg/hr, {scatter}{_OTHERWISE}"
-    if found.is_certain:
-        every = all(each.finding == "modelled" for each in fit.parameters.values())
-        hardly = "hardly " * (found.share < _HARDLY)
-        more = f"{f'; {differ}' * bool(differ)}{'' if every else _OTHERWISE}"
-        more += "" if fit.layout.hysteresis else "; none was reached from both sides: it may be time (hil reconcile)"
-        return f"modelling against temperature {hardly}improves this unit: {numbers}{more}"
-    return f"{_NOT_SHOWN}: {numbers}{_OTHERWISE}"
+    return str(_words().verdict(fit))
 
 
-def _less(share: float) -> str:
-    """Say by how much less, or more, rates are wrong with curves than with constants."""
-    return f"{percent(abs(share))} {'less' if share >= 0.0 else 'more'}"
-
-
-def _confirmed(fit: SensorFit) -> str:
-    """Say which of the chosen forms the temperatures that were left out confirm, one by one."""
-    modelled = [each for each in fit.parameters.values() if each.finding == "modelled"]
-    if not fit.improvement.chosen_anew:
-        return "; too few temperatures to confirm the forms by choosing them again without one"
-    held = ", ".join(each.name for each in modelled if each.is_confirmed) or "none"
-    doubtful = ", ".join(each.name for each in modelled if not each.is_confirmed)
-    return f"; confirmed one by one: {held}" + (f"; not confirmed: {doubtful}" if doubtful else "")
+@cache
+def _words() -> Any:
+    environment = templates(__package__)
+    environment.globals |= {each.__name__: each for each in (counted, listed, percent, significant)}
+    environment.globals |= {"FALSE_ALARM": FALSE_ALARM, "DESCRIBES": DESCRIBES, "HARDLY": _HARDLY}
+    return environment.get_template("words.txt.j2").module

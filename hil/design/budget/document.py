@@ -73,7 +73,6 @@ def budget_document(
 
 
 def _why_none(runs: Sequence[int], asked: int | None, observed: SensorRepeats | None) -> str:
-    """Say why a sensor has no budget of the run that is asked for; empty where it has."""
     if not runs:
         return "no collect has every rate: no budget"
     if asked is None or asked in runs:

@@ -34,19 +34,16 @@ from hil.solve.wrong_rows import treated
 from procedures.plan import make_plan
 from procedures.settings import Restabilisation
 
-_SAME_G = 0.05
-"""g: an orientation of the bench file is a collect's where gravity lies along the same axes to this."""
+_SAME_G = 0.05  # g: an orientation of the bench file is a collect's where gravity lies along the same axes to this
 
 MEASURED = "measured standard errors"
 _EXACT = 1e-9  # deg/hr: residuals of rates that a model made are rounding
-_LARGEST_NOISE = 1e9
-"""deg/hr: an average with more is none."""
+_LARGEST_NOISE = 1e9  # deg/hr: an average with more is none
 
 _NOT_LYING = "how the sensor lay is not known (name its bench with --bench)"
 _NO_NORTH = "the earth rate that is given (w) tells no north, so that nobody knows how wrong it is"
 _SLOPE = "dTdt_degC_per_min"
-_UNIFORM = 1.0 / np.sqrt(3.0)
-"""Standard deviation of what may be anything within ±1."""
+_UNIFORM = 1.0 / np.sqrt(3.0)  # standard deviation of what may be anything within ±1
 
 
 @dataclass(frozen=True)
@@ -132,20 +129,16 @@ def _measured_runs(
         base, origin = _base(conditions, model) if model is not None else _solved(rows, form)
         axes = _axes(conditions, bench)
         north = bool(np.any(local_frame(conditions).north))
-        why_not = {each: _why_not(each, lying=axes is not None, north=north) for each in given}
+        why_not = {
+            each: _NO_NORTH if each.needs_north and not north else _NOT_LYING * (each.needs_axes and axes is None)
+            for each in given
+        }
         usable = tuple(each for each, why in why_not.items() if not why)
         lying = np.broadcast_to(np.eye(3), (len(conditions), 3, 3)) if axes is None else axes
         sigma = np.where(np.isnan(rows.rates_deg_per_hr), np.nan, sigma)
         scene = Scene(conditions, lying, base, sigma, noisy)
         left_out = {each.title: why for each, why in why_not.items() if why}
         yield RunScene(run, scene, usable, form, origin, _at(measured.conditions, here), left_out)
-
-
-def _why_not(source: Source, *, lying: bool, north: bool) -> str:
-    """Say why a source cannot be reckoned with, by whether it is known how the sensor lay, and where north was."""
-    if source.needs_north and not north:
-        return _NO_NORTH
-    return _NOT_LYING if source.needs_axes and not lying else ""
 
 
 def _at(conditions: Conditions, here: IntArray) -> tuple[float | None, str | None]:

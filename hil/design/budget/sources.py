@@ -131,7 +131,6 @@ class Instability(Noise):
     per_unit = 0.664  # the floor of the Allan deviation: sqrt(2 ln 2 / pi)
 
     def each(self, scene: Scene) -> FloatArray:
-        """Return the floor, alike in every average."""
         return np.full_like(scene.sigma, self.per_unit)
 
 

@@ -13,6 +13,7 @@ import yaml
 from hil.config.bench import Bench
 from hil.config.sweep import Sweep, check_sweep_against_bench, parse_sweep
 from hil.design.sequence.search import Candidate, Goal, Proposal, spelled_out
+from hil.design.sequence.unit_scatter import UnitScatter
 from hil.files.document import picked
 from hil.files.durable import check_new, write_result
 from hil.files.strict import parse_yaml
@@ -20,8 +21,7 @@ from procedures.words import counted
 
 SCHEMA = "hil.design/1"
 _DAY_S = 86400.0
-_LONG_DAYS = 3.0
-"""Of repeats in one night of days it is said what they are for, and what would spare them."""
+_LONG_DAYS = 3.0  # of repeats in one night of days it is said what they are for, and what would spare them
 
 
 def design_document(proposal: Proposal, goal: Goal, sweep: Sweep, bench: Bench) -> dict[str, Any]:
@@ -35,9 +35,9 @@ def design_document(proposal: Proposal, goal: Goal, sweep: Sweep, bench: Bench) 
             **picked(goal, "targets drift_immune residuals tells_even_terms time_s"),
             "repeats": goal.repeats or sweep.self_calibrations_per_temperature,
             "scatter": dict(goal.scatter),
-            "scatter_of": {str(number): dict(of) for number, of in goal.scatter_of.items()},
-            "lasting_of": {str(number): list(of) for number, of in goal.lasting_of.items()},
-            "at_most_of": {str(number): dict(of) for number, of in goal.at_most_of.items()},
+            "scatter_of": {str(number): dict(of.sizes) for number, of in goal.shown.items()},
+            "lasting_of": {str(number): list(of.lasting) for number, of in goal.shown.items()},
+            "at_most_of": {str(number): dict(of.at_most) for number, of in goal.shown.items()},
         },
         "met": not proposal.missing,
         "missing": list(proposal.missing),
@@ -76,7 +76,7 @@ def _in_days(proposal: Proposal, goal: Goal) -> Iterator[str]:
         return
     large, targets = [], _targets(proposal, goal)
     for number, total in longest.total.items():
-        own = {**goal.scatter_of.get(number, {}), **goal.scatter}
+        own = {**goal.shown.get(number, UnitScatter()).sizes, **goal.scatter}
         scatter = spelled_out({name: size for name, size in own.items() if size > 0.0}, total)
         some = [f"{name} by {scatter[name]:.3g}" for name, asked in targets.items() if scatter.get(name, 0.0) > asked]
         large += [f"sensor {number}: {', '.join(some)}"] if some else []

@@ -25,6 +25,7 @@ from hil.config.sweep import LONGEST_DAYS, MOST_OF_ONE, Sweep, check_sweep_again
 from hil.design.budget.budget import analytic_share, response
 from hil.design.budget.sources import Scene, sources
 from hil.design.sequence.sequences import Worth, palindromes, scene_of, sequence_worth, sequences
+from hil.design.sequence.unit_scatter import UnitScatter
 from hil.errors import InputError
 from hil.files.strict import config_folders
 from hil.files.units import RATE, to_number
@@ -51,9 +52,7 @@ class Goal:
     "B", "GS" and "MU" stand for all that begin so. `drift_immune` asks it of the parameters in `targets` (of all
     where there are none). `residuals` are degrees of freedom left in one self-calibration; `tells_even_terms` asks that
     MU be told from terms in the square of the acceleration. `time_s` is the whole night's; `sensors` () means all.
-    `scatter` is how every sensor's parameters change from run to run, `scatter_of` what repeats showed of each, and
-    `lasting_of` the parameters of which repeats showed what repeats do not average; `at_most_of` is how large that
-    scatter may be, as far as repeats told it.
+    `scatter` is how every sensor's parameters change from run to run, `shown` what repeats showed of each.
     """
 
     targets: Mapping[str, float]
@@ -64,9 +63,7 @@ class Goal:
     sensors: tuple[int, ...] = ()
     repeats: int | None = None
     scatter: Mapping[str, float] = field(default_factory=dict)
-    scatter_of: Mapping[int, Mapping[str, float]] = field(default_factory=dict)
-    lasting_of: Mapping[int, Sequence[str]] = field(default_factory=dict)
-    at_most_of: Mapping[int, Mapping[str, float]] = field(default_factory=dict)
+    shown: Mapping[int, UnitScatter] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -158,7 +155,8 @@ def propose(sweep: Sweep, bench: Bench, goal: Goal) -> Proposal:
     variants = [kind for positions in _variants(sweep, bench) if (kind := weigher.kind(positions)) is not None]
     duration_s, repeats = sweep.collect.duration_s, sweep.self_calibrations_per_temperature
     compared = tuple(weigher.weigh(kind, duration_s, repeats) for kind in variants)
-    worst = _Weigher(sweep, bench, replace(goal, scatter_of={**goal.scatter_of, **goal.at_most_of}), sensors)
+    most = {number: replace(of, sizes=of.at_most) for number, of in goal.shown.items()}
+    worst = _Weigher(sweep, bench, replace(goal, shown=most), sensors)
     at_most = next(worst.weigh(k, best.duration_s, best.repeats) for k in [worst.kind(best.positions)] if k is not None)
     return Proposal(best, tuple(text for text, _ in missing), compared, at_most, longer)
 
@@ -223,8 +221,9 @@ class _Weigher:
             part = each.id if each.id == "noise" else "ramp" if each.is_ramp else each.varies
             parts[part] += analytic_share(each, scene, to_parameters) ** 2
         number, stated = scene.conditions.sensor.number, spelled_out(self._goal.scatter, form.names)
-        own = spelled_out({**self._goal.scatter_of.get(number, {}), **stated}, form.names)
-        lasting = set(self._goal.lasting_of.get(number, ())) - stated.keys()
+        shown = self._goal.shown.get(number, UnitScatter())
+        own = spelled_out({**shown.sizes, **stated}, form.names)
+        lasting = {*shown.lasting} - stated.keys()
         for part, names in (("bench", lasting), ("run", own.keys() - lasting)):
             parts[part] += np.array([own.get(name, 0.0) ** 2 * (name in names) for name in form.names])
         return parts

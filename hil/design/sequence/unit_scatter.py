@@ -10,7 +10,7 @@ what a temperature's history leaves is the same through a visit: more of them te
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.special import chdtri
@@ -29,10 +29,10 @@ class UnitScatter:
     No size is larger than `at_most` with a probability of 95 %: of few repeats it is known badly.
     """
 
-    sizes: Mapping[str, float]
-    at_most: Mapping[str, float]
-    lasting: tuple[str, ...]
-    said: tuple[str, ...]
+    sizes: Mapping[str, float] = field(default_factory=dict)
+    at_most: Mapping[str, float] = field(default_factory=dict)
+    lasting: tuple[str, ...] = ()
+    said: tuple[str, ...] = ()
 
 
 def scatter_of_unit(campaign: Campaign) -> dict[int, UnitScatter]:

@@ -38,14 +38,12 @@ from hil.solve.wrong_rows import treated
 from procedures.plan import make_plan
 from procedures.words import listed, unit_in_words
 
-_CLEAN = 0.1
-"""A leak that falls below this fraction of what it was is counted as gone."""
+_CLEAN = 0.1  # a leak that falls below this fraction of what it was is counted as gone
 
 MOST_RUNS = 384
 """On so many of a campaign's runs at most, evenly chosen, a change is weighed: before and after alike."""
 
-_BEYOND = 10
-"""So many times the largest typical size nobody has seen: what needs more is not seen in these collects."""
+_BEYOND = 10  # so many times the largest typical size nobody has seen: what needs more is not seen in these collects
 
 _WORTH = 0.95  # of the size at which effects are seen without a change
 
@@ -115,7 +113,6 @@ def _maps(
 
 
 def _best(maps: Mapping[int, Sights]) -> dict[str, tuple[int, Sight]]:
-    """Return each effect once, with the sensor that sees it best."""
     best: dict[str, tuple[int, Sight]] = {}
     for number, sights in maps.items():
         for sight in sights.effects:
@@ -256,7 +253,6 @@ def _of_model(level: NoiseLevel) -> NoiseLevel:
 
 
 def _of_g(level: NoiseLevel) -> list[str]:
-    """Return which of a rotor's sensitivities scatter from run to run."""
     sizes = {"GS": level.run_gs_deg_per_hr_per_g, "MU": level.run_mu_deg_per_hr_per_g}
     return [name for name, size in sizes.items() if size > 0.0]
 

@@ -26,12 +26,9 @@ DEVIATIONS = np.append(0.0, np.geomspace(0.3, 1e4, 100))
 """Deviations that an effect may show, (d,): what is between is as near as a search's own sizes are."""
 USUAL = 41
 """By so many of them, up to twenty, most effects are found; the others are asked again by all."""
-_ALIKE = 0.75
-"""What explains a smaller part of the squares hardly adds to the odds of what explains them."""
-_LARGEST = 100.0
-"""Of an offset from run to run, in white noises."""
-_HALVINGS = 20
-"""Of a factor: to one in ten thousand, between shapes that differ by a million."""
+_ALIKE = 0.75  # what explains a smaller part of the squares hardly adds to the odds of what explains them
+_LARGEST = 100.0  # of an offset from run to run, in white noises
+_HALVINGS = 20  # of a factor: to one in ten thousand, between shapes that differ by a million
 
 
 @dataclass(frozen=True)

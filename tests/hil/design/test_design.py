@@ -21,7 +21,7 @@ from hil.design.budget.sources import sources
 from hil.design.sequence.proposal import design_document, sweep_text
 from hil.design.sequence.search import LONGEST_S, Goal, Proposal, _Weigher, parse_target, propose
 from hil.design.sequence.sequences import Worth, scene_of, seen_terms, sequence_worth, sequences
-from hil.design.sequence.unit_scatter import scatter_of_unit
+from hil.design.sequence.unit_scatter import UnitScatter, scatter_of_unit
 from hil.errors import InputError
 from hil.model import load_model
 from hil.model.earth import Site
@@ -251,9 +251,9 @@ def test_each_sensor_has_the_scatter_that_its_own_repeats_showed(sweep: Any) -> 
         total = weigher.weigh(weigher.kind(("1", "2", "3")), 60.0, 3).total
         return [total[number]["MUA"] for number in (1, 2)]
 
-    quiet, own = mua(), mua(scatter_of={1: {"MUA": 0.0}, 2: {"MUA": 9.0}})
+    quiet, own = mua(), mua(shown={1: UnitScatter({"MUA": 0.0}), 2: UnitScatter({"MUA": 9.0})})
     assert own == [quiet[0], pytest.approx(np.hypot(quiet[1], 9.0 / np.sqrt(3.0)))]
-    assert mua(scatter={"MU": 1.0}, scatter_of={2: {"MUA": 9.0}}) == mua(scatter={"MU": 1.0})
+    assert mua(scatter={"MU": 1.0}, shown={2: UnitScatter({"MUA": 9.0})}) == mua(scatter={"MU": 1.0})
 
 
 @pytest.mark.parametrize("per_hr", [3.0, 0.0])
@@ -264,7 +264,7 @@ def test_more_time_does_not_help_where_the_unit_ages(sweep: Any, per_hr: float) 
     aged = rows.rates_deg_per_hr + per_hr * rows.conditions.start_s[:, None] / 3600.0
     own = scatter_of_unit(replace(one, sensors={2: replace(rows, rates_deg_per_hr=aged)}))[2]
     assert own.lasting == (("BA", "BB") if per_hr else ())
-    goal = Goal({"B": 0.5}, sensors=(2,), scatter_of={2: own.sizes}, lasting_of={2: own.lasting})
+    goal = Goal({"B": 0.5}, sensors=(2,), shown={2: own})
     found = propose(sweep, load_bench("simulated"), goal)
     assert found.with_more_time is None
     if per_hr:
