@@ -10,6 +10,7 @@ from hil.analysis.allan.fit import CONFIDENCE, SLOPES, NoiseFit, NoiseKind, Term
 from hil.analysis.allan.sources import Recording
 from hil.files.document import picked
 from hil.files.figure import marked
+from hil.files.page import filled
 from procedures.words import duration
 
 SCHEMA = "hil.allan/1"
@@ -44,6 +45,7 @@ class AllanResult:
         deviation = fit.deviation
         logs = np.log(deviation.deviation), np.log(deviation.tau_s)
         slope = np.gradient(*logs) if len(deviation.tau_s) > 1 else np.zeros(1)  # in a log-log plot, from neighbours
+        told = {"read": read, "collect_s": collect_s, "wanted": wanted_deg_per_hr}
         undescribed = (
             f"the four terms do not describe this record (misfit {fit.misfit:.3g} times what chance allows): "
             f"fitted from {fit.fitted_from_s:g} s with a model error of {fit.model_error:.0%} allowed for"
@@ -73,7 +75,7 @@ class AllanResult:
                 "wanted_deg_per_hr": wanted_deg_per_hr,
                 "wanted_needs_s": None if wanted_deg_per_hr is None else read.reach_s(wanted_deg_per_hr),
             },
-            "summary": in_words(read, collect_s, wanted_deg_per_hr),
+            "summary": filled(__package__, "words.txt.j2", **told, duration=duration, mu_factor=MU_FACTOR).splitlines(),
             "notes": [*found.notes, *([] if fit.describes else [undescribed])],
         }
 
@@ -116,47 +118,6 @@ class Averaging:
         if not self.shortest_s <= duration_s <= self.longest_s:
             return None
         return float(np.exp(np.interp(np.log(duration_s), np.log(self._tau_s), np.log(self._deviation))))
-
-
-def in_words(found: Averaging, collect_s: float, wanted_deg_per_hr: float | None) -> list[str]:
-    """Say it in sentences for whoever plans a collect."""
-    said = []
-    scatter = found.at(collect_s)
-    if scatter is None:
-        least = found.white / np.sqrt(collect_s)
-        said.append(
-            f"a collect of {duration(collect_s)} is outside what this record can judge ({duration(found.shortest_s)} "
-            f"to {duration(found.longest_s)}); the white noise in it alone scatters by "
-            f"{'' if found.is_white else 'less than '}{least:.3g} deg/hr"
-        )
-    else:
-        said.append(
-            f"a collect of {duration(collect_s)} scatters by {scatter:.3g} deg/hr, MU of one three-collect "
-            f"self-calibration by {MU_FACTOR * scatter:.3g} deg/hr/g"
-        )
-    if wanted_deg_per_hr is not None:
-        needed = found.reach_s(wanted_deg_per_hr)
-        said.append(
-            f"{wanted_deg_per_hr:g} deg/hr needs {duration(needed)} of averaging"
-            if needed is not None
-            else f"{wanted_deg_per_hr:g} deg/hr is not reached by averages up to {duration(found.longest_s)}; the "
-            f"least is {found.lowest_deg_per_hr:.3g} deg/hr"
-        )
-    if not found.judged:
-        said.append("this record is too short to tell how long to average: it shows none of the terms")
-    elif found.turns:
-        said.append(
-            f"longer stops helping at {duration(found.enough_s)}: from there averages are within 10 % of the least, "
-            f"{found.lowest_deg_per_hr:.3g} deg/hr at {duration(found.lowest_at_s)}; longer ones are worse again"
-        )
-    elif found.enough_s < 0.5 * found.longest_s:
-        said.append(
-            f"longer stops helping at {duration(found.enough_s)}: from there on averages scatter by "
-            f"{found.lowest_deg_per_hr:.3g} deg/hr, within 10 %"
-        )
-    else:
-        said.append(f"longer keeps helping as far as this record can tell ({duration(found.longest_s)})")
-    return said
 
 
 def draw(result: AllanResult) -> Figure:
