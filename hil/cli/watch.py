@@ -4,6 +4,7 @@ import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -91,35 +92,19 @@ def say(folder: Path, status: dict[str, Any], now: Snapshot | None, console: Con
         alarm(verdict["verdict"], verdict["reason"], _first)
     if unit := status["in_spec"]:
         console.print(_first(f"{unit['verdict'].upper()}: {unit['reason']}"), style="bold")
-    for line in (*_asked(status), *(f"over: {line}" for line in status["over"])):
+    from hil.cli.told import lines_of  # a program that reads JSON waits for no template
+
+    known: dict[str, Any] = {
+        "folder": folder,
+        "now": now,
+        "working": working,
+        "asked": _asked(status),
+        "rows": rows,
+        "cut": _cut,
+    }
+    known |= {"without": partial(_without, said), "time": datetime.fromisoformat}
+    for line in filter(None, lines_of(status, known | {"missing": first_few(in_brief(status["missing"]), _MOST_LEFT)})):
         console.print(line)
-    done, total = status["self_calibrations_done"], status["self_calibrations_total"]
-    told = not status["reason"].startswith("ERROR")  # of a damaged journal nothing is, and it is not carried on
-    if told:
-        every = " are whole in every unit" * bool(status.get("units"))
-        steps = f"{status['steps_done']} of {status['steps_total']} steps"
-        console.print(f"{steps}, {done} of {total} self-calibrations{every}")
-    if now is not None and working:
-        for label, text in rows(now):
-            console.print(_cut(f"{label}: {text}"))
-    elif working and status["eta_utc"]:
-        console.print(f"now: {status['step_in_words'] or 'beginning'}")
-        console.print(f"expected end {datetime.fromisoformat(status['eta_utc']):%Y-%m-%d %H:%M} UTC")
-    for unit in status.get("units", ()):
-        stands = [unit["state"], *([unit["verdict"]] if unit["verdict"] else [])]
-        stands += [unit["in_spec"]["verdict"].upper()] if unit["in_spec"] else []
-        runs = f"{unit['self_calibrations_done']} of {unit['self_calibrations_total']} self-calibrations"
-        why = f"; {unit['reason']}" if unit["set_aside"] else ""
-        console.print(_cut(f"unit {unit['unit']}: {', '.join(stands)}, {runs}{why}"))
-    for name, text in status["identity"].items():
-        console.print(f"{name}: {text}")
-    shown, left = first_few(in_brief(status["missing"]), _MOST_LEFT)
-    for line in shown:
-        console.print(_cut(f"{'still to come' if working else 'missing'}: {_without(said, line)}"))
-    if left:
-        console.print(f"… and {left} more (hil status {folder} --json has all)")
-    if not working and status["state"] != "complete":
-        console.print(f"hil {'verify' if judged == ', ERROR' else 'report'} {folder} shows it all")
 
 
 @contextmanager

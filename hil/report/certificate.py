@@ -28,7 +28,7 @@ from hil.design.budget.scenes import measured_scenes
 from hil.errors import InputError
 from hil.files.document import plain
 from hil.files.numbers import degrees
-from hil.files.page import rendered
+from hil.files.page import filled, rendered
 from hil.records import reading
 from hil.records.export import campaign_of_night
 from hil.records.ledger import read_head
@@ -95,7 +95,7 @@ def certificate(
         shown[each.number] = replace(each.shown, means=whole)
     in_spec = None if allowed is None else judge(allowed, shown, content.solutions, measured)
     began, ended = (datetime.fromisoformat(status[key]) for key in ("began_utc", "last_utc"))
-    refused, head = list(refusals(status, measured, proof, bench, serial, ended.date())), read_head(folder)
+    refused, head = refusals(status, measured, proof, bench, serial, ended.date()), read_head(folder)
     document = {
         "schema": SCHEMA,
         "number": number or f"{serial or 'unknown'}-{began:%Y%m%d-%H%M}",
@@ -135,28 +135,11 @@ def certificate(
 
 def refusals(
     status: Mapping[str, Any], judged: Judgement, proof: Mapping[str, Any], bench: Bench, serial: str, measured: date
-) -> Iterator[str]:
-    """Yield why no certificate can be made of a night that was measured until the day `measured`."""
-    if status["simulated"]:
-        yield "the night is simulated: no device was measured"
-    if status["state"] != "complete":
-        yield f"the night is {status['state']}: {status['reason']}"
-    if judged.verdict in NOT_GOOD:
-        yield f"the measurement is {judged.verdict}: {judged.reason}"
-    yield from (f"{MISSING}{each}" for each in in_brief(status["missing"]))
-    wrong = [each for each in proof["problems"] if not each.startswith(MISSING)]
-    yield from (f"the records are not what was written: {each}" for each in wrong)
-    if status["identity"].get("despite"):
-        yield f"the night was begun despite a warning: {status['identity']['despite']}"
-    if not serial:
-        yield "the unit's serial number is not on record"
-    if bench.laboratory is None:
-        yield "the bench file names no laboratory and no method (section laboratory)"
-    if not bench.equipment:
-        yield "the bench file names no equipment, so nothing is traceable (section equipment)"
-    for each in bench.equipment:
-        if each.due < measured:
-            yield f"{each.name} {each.number} was due for calibration on {each.due}, and measured until {measured}"
+) -> list[str]:
+    """Return why no certificate can be made of a night that was measured until the day `measured`."""
+    told = {"status": status, "judged": judged, "problems": proof["problems"], "missing": in_brief(status["missing"])}
+    known = {"bench": bench, "serial": serial, "measured": measured, "not_good": NOT_GOOD, "lacks": MISSING}
+    return filled("hil.report", "refusals.txt.j2", **told, **known).splitlines()
 
 
 def _results(where: Mapping[str, Any], sensor: int, each: MeanBudget) -> Iterator[dict[str, Any]]:

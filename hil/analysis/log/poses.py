@@ -29,6 +29,7 @@ from hil.campaign.data import EARTH_RATE_DEG_PER_HR, known_mean
 from hil.campaign.warnings import F_LIMITS_G, F_SUSPICIOUS
 from hil.campaign.writer import write_campaign
 from hil.errors import InputError
+from hil.files.page import filled
 from procedures.averaging import average_series
 from procedures.verdict import Judgement, Verdict
 from procedures.words import counted, listed, numbered
@@ -37,7 +38,6 @@ SCHEMA, ACCELEROMETER_SCHEMA = "hil.import-log/1", "hil.accelerometer/1"
 ACCELEROMETER_FILE = "accelerometer.json"
 _AXIS_LABEL = re.compile(r"([+\-−]?)\s*([XYZ])\s*([+\-−]?)\s*(up|down)?", re.IGNORECASE)
 _OF_AN_AXIS = 0.87  # of f lies along an axis by which a pose is called: 30 degrees; beyond, it stands between axes
-_DIRECTIONS = "put the unit down on edges and corners too, so that every two axes share gravity"
 
 
 @dataclass(frozen=True)
@@ -206,28 +206,18 @@ def _positions(log: Log, stretches: Sequence[Stretch], f_g: FloatArray) -> tuple
 
 
 def _calibration_in_words(fitted: Accelerometers, n: int) -> list[str]:
-    said = []
-    lacking = [name for name, of in fitted.rows().items() if not of["told"]]
-    if lacking:
-        said.append(
-            f"accelerometers: {counted(n, 'pose')}: {len(NAMES) - len(lacking)} of {len(NAMES)} parameters told; "
-            f"{listed(lacking)} stay what is usual: it takes {len(NAMES)} poses or more; {_DIRECTIONS}"
-        )
-    rms, freedom = float(np.sqrt(np.mean(fitted.residuals_g**2))), round(float(fitted.freedom))
-    if freedom < 1:
-        said.append(
-            f"accelerometers: {counted(n, 'pose')}: no residual, so nothing proves the calibration; make more poses"
-        )
-    else:
-        over = f"{counted(n, 'pose')}, {freedom} more than it takes"
-        said.append(f"accelerometers: |f| is 1 g to {1e3 * rms:.2g} mg rms over {over}")
-    if fitted.inflation > 1.0:
-        said.append(
-            f"accelerometers: that is {float(fitted.inflation):.2g} times what their noise makes: uncertainties are "
-            "enlarged by it"
-        )
-    off = np.abs(fitted.residuals_g)
-    if np.any(off > F_SUSPICIOUS):
-        numbers = (np.flatnonzero(off > F_SUSPICIOUS) + 1).tolist()
-        said.append(f"{numbered('collect', numbers)}: |f| is off 1 g by up to {off.max():.3f} g: not at rest?")
-    return said
+    lacking, off = [name for name, of in fitted.rows().items() if not of["told"]], np.abs(fitted.residuals_g)
+    known = {
+        "poses": counted(n, "pose"),
+        "every": len(NAMES),
+        "told": len(NAMES) - len(lacking),
+        "lacking": listed(lacking) if lacking else "",
+        "rms_mg": 1e3 * float(np.sqrt(np.mean(fitted.residuals_g**2))),
+        "freedom": round(float(fitted.freedom)),
+        "inflation": float(fitted.inflation),
+        "off": numbered("collect", (np.flatnonzero(off > F_SUSPICIOUS) + 1).tolist())
+        if np.any(off > F_SUSPICIOUS)
+        else "",
+        "most_g": off.max(),
+    }
+    return filled(__package__, "calibration.txt.j2", **known).splitlines()
