@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from drivers.strict_yaml import packaged
 from hil.analysis.against import Comparison
 from hil.analysis.in_spec import InSpec
 from hil.analysis.night_verdict import night_verdict
@@ -19,6 +18,7 @@ from hil.campaign import Campaign
 from hil.config.sweep import PUBLISHED
 from hil.errors import InputError
 from hil.files.numbers import decimals_for, degrees
+from hil.files.page import filled
 from hil.report.night import NightContent
 from hil.solve import RunSolution, repeats, solve_campaign
 from hil.solve.both_sensors import BothSensors, common_and_differential
@@ -31,16 +31,9 @@ from hil.solve.uncertain import MeanAt
 from procedures.verdict import NOT_GOOD, Verdict
 from procedures.words import counted, listed, numbered
 
-_ALWAYS = packaged("hil.report", "statements.yaml")
-_DO = {
-    Verdict.FAIL: "Do not use",
-    Verdict.INCONCLUSIVE: "Do not rely on",
-    Verdict.MARGINAL: "Look at the reasons before using",
-}
-_LACKS = (
-    "Ask hil reconcile what the model lacks: measured again it lacks the same. Where it names nothing, standard errors "
-    "are too small: repeat these collects, so that it can be told what scatters; until then use the ± here all the "
-    "same, which allow for it."
+_WANDER = (
+    "the noise within a collect is seen within it: a wander slower than about a tenth of the collect is not in the "
+    "standard errors (the scatter from run to run shows it)"
 )
 _UNSEEN_DEG = 5.0  # an error of the site that nobody makes who has looked at a map or a compass
 
@@ -164,35 +157,23 @@ def good(content: ReportContent) -> tuple[str, str]:
     return str(judged), words[judged]
 
 
-def to_do(content: ReportContent) -> Iterator[str]:
-    """Yield what somebody has to do now: with a night that is not whole, with runs that are not good."""
-    night = content.night
-    if night is not None and night.to_do:
-        yield f"{night.to_do}; what is missing is listed below."
-    wrong = of_sensors_in_words(not_passed_of(content.solutions))
-    yield from (f"{_DO[Verdict(verdict)]} {runs}." for verdict, runs in wrong)
+def to_do(content: ReportContent) -> list[str]:
+    """Return what somebody has to do now: with a night that is not whole, with runs that are not good."""
     wrong_by = [(each, cause) for each in content.solutions for cause in each.causes if cause.verdict in NOT_GOOD]
-    lacks = {cause is each.judged and each.exceeds_errors and each.settled for each, cause in wrong_by}
-    if True in lacks:
-        yield _LACKS
-    if False in lacks:
-        yield f"Mend what {'else ' * (True in lacks)}is said under Why; then measure again."
-    if misstated := [sensor.number for sensor in content.sensors if sensor.shown.misstated]:
-        yield f"State the standard errors of {numbered('sensor', misstated)} that repeats and residuals show; below."
-    every = {
-        each.number: [value.sd for of in each.shown.means for value in of.values.values()] for each in content.sensors
+    errors = {of.number: [each.sd for at in of.shown.means for each in at.values.values()] for of in content.sensors}
+    known = {
+        "wrong": of_sensors_in_words(not_passed_of(content.solutions)),
+        "lacks": {cause is each.judged and each.exceeds_errors and each.settled for each, cause in wrong_by},
+        "unknown": [number for number, sds in errors.items() if sds and not np.isfinite(sds).any()],
+        "to_record": sorted({name for sensor in content.sensors for name in sensor.shown.to_record}),
+        "may_follow": MAY_FOLLOW,
     }
-    if unknown := [number for number, errors in every.items() if errors and not np.isfinite(errors).any()]:
-        yield f"State the standard errors of {numbered('sensor', unknown)}, or repeat runs: no ± is known."
-    if lacking := sorted({name for sensor in content.sensors for name in sensor.shown.to_record}):
-        yield f"Record {MAY_FOLLOW.format(listed(lacking))}."
-    if content.both is not None and content.both.look_for:
-        yield f"Look for {content.both.look_for}; below."
-    compared = content.comparison
-    if compared is not None and compared.doubts:
-        yield "Find out which of the two campaigns is wrong before using either."
-    elif compared is not None and compared.flagged:
-        yield f"{counted(len(compared.flagged), 'number')} changed since the earlier campaign: find out why, below."
+    return _filled("to_do", content, **known)
+
+
+def _filled(what: str, content: ReportContent, **known: Any) -> list[str]:
+    words = {"counted": counted, "listed": listed, "numbered": numbered}
+    return filled("hil.report", f"{what}.txt.j2", r=content, **known, **words).splitlines()
 
 
 def largest(content: ReportContent) -> Iterator[str]:
@@ -219,7 +200,7 @@ def assumed(content: ReportContent) -> list[str]:
         return ["nothing: no collect was solved"]
     site = content.campaign.site
     told = [f"site: {', '.join(_with_unit(name, value) for name, value in site.items())}"] if site else []
-    return list(dict.fromkeys([*told, *found, _ALWAYS["wander"]]))
+    return list(dict.fromkeys([*told, *found, _WANDER]))
 
 
 def _with_unit(name: str, value: float) -> str:
@@ -230,39 +211,21 @@ def _with_unit(name: str, value: float) -> str:
 
 def cannot_tell(content: ReportContent) -> list[str]:
     """Return what these collects leave open, each thing once."""
-    solutions = content.solutions
+    solutions, sensors = content.solutions, content.sensors
     open_things: dict[tuple[int, str], list[int]] = {}
     for each in solutions:
         for text in each.unobservable:
             open_things.setdefault((each.sensor, text), []).extend(each.runs)
-    told = [f"sensor {sensor}, {numbered('run', runs)}: {text}" for (sensor, text), runs in open_things.items()]
-    if any(sensor.is_rotor for sensor in content.sensors) and all(each.degrees_of_freedom == 0 for each in solutions):
-        told = [*_ALWAYS["three_collects"], *told]
-    if solutions and content.comparison is None:
-        told += [_ALWAYS["channels"], *_site(content)]
-    if any(len(sensor.shown.means) > 1 and _visited_once(sensor) for sensor in content.sensors):
-        told.append(
-            "Each temperature was visited once, so temperature cannot be told from elapsed time, history and power "
-            "cycle; a second visit from the other direction could."
-        )
-    open_end = (
-        "nothing that the model asks for is left open by these collects" if solutions else "no collect was solved"
-    )
-    return told or [open_end]
-
-
-def _site(content: ReportContent) -> Iterator[str]:
     unseen = {name: least for name, least in smallest_seen_deg(content.campaign).items() if least > _UNSEEN_DEG}
-    if unseen:
-        below = [
-            f"of {name}, {f'below {least:.0f} deg' if least < 90.0 else 'of any size'}"
-            for name, least in unseen.items()
-        ]
-        yield (
-            f"An error of the site ({listed(below)}) shows in no residual of these collects: it looks like bias and "
-            "acceleration sensitivity. What shows it: the same collects at a second heading of the bench (turned about "
-            "the vertical, gravity stays and the earth rate turns), or the last campaign (hil report --against)."
-        )
+    known = {
+        "three_collects": any(of.is_rotor for of in sensors) and not any(of.degrees_of_freedom for of in solutions),
+        "open": open_things,
+        "solved": bool(solutions),
+        "unseen": [f"of {n}, {f'below {of:.0f} deg' if of < 90.0 else 'of any size'}" for n, of in unseen.items()],
+        "visited_once": any(len(sensor.shown.means) > 1 and _visited_once(sensor) for sensor in sensors),
+    }
+    nothing = "nothing that the model asks for is left open by these collects" if solutions else "no collect was solved"
+    return _filled("cannot_tell", content, **known) or [nothing]
 
 
 def _visited_once(sensor: SensorContent) -> bool:
