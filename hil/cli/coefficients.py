@@ -17,8 +17,6 @@ from hil.files.figure import PLOT, save_figure
 from hil.files.units import DIFFERENCE, FREQUENCY, RATE, TIME, Kind, to_number
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from hil.config import Bench
     from hil.design.sequence.unit_scatter import UnitScatter
 
@@ -89,8 +87,9 @@ def thermal(
 ) -> Answer:
     """Fit every parameter against temperature, and say whether modelling it improves the unit."""
     from hil.analysis.thermal.document import thermal_document
-    from hil.analysis.thermal.files import write_thermal
+    from hil.analysis.thermal.files import draw_fit, write_thermal
     from hil.analysis.thermal.fit import fit_thermal
+    from hil.report.plots import which_sensor
 
     apart_degC = None if apart is None else quantity("--apart", apart, DIFFERENCE)
     if apart_degC == 0.0:
@@ -100,15 +99,14 @@ def thermal(
         check_result_folder(out, "thermal.json", of=campaign)
     result = fit_thermal(campaign, model, highest_order=highest_order, apart_degC=apart_degC)
     written = [] if out is None else write_thermal(result, out)
-
-    def drawn(sensor: int | None) -> Figure:
-        from hil.analysis.thermal.files import draw_fit
-        from hil.report.plots import which_sensor
-
-        return draw_fit(result.of(which_sensor(source, campaign, sensor)), campaign)
-
     status = Exit.INCOMPLETE if result.not_fitted else Exit.DONE
-    return Answer(thermal_document(result), {"out": out, "written_to": written}, drawn, status)
+    beside = {"out": out, "written_to": written}
+    return Answer(
+        thermal_document(result),
+        beside,
+        lambda sensor: draw_fit(result.of(which_sensor(source, campaign, sensor)), campaign),
+        status,
+    )
 
 
 def reproduce(source: Path, sensor: int = 2) -> Answer:

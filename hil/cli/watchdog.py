@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from contextlib import suppress
+from contextlib import closing, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING
 
 from drivers.clock import Clock, SystemClock
 from hil.cli.exit_status import Exit
@@ -17,10 +16,6 @@ from hil.files.lock import LOCK_NAME
 from procedures.plan import Plan
 from procedures.progress import Progress, Snapshot
 from procedures.stop import StopRequest
-
-if TYPE_CHECKING:
-    from hil.config import Bench
-    from hil.night.watchdog import Watched
 
 _LOOK_S = 0.5  # for a night that begins
 _ANEW_S = 5.0  # between two starts: one that cannot start costs little
@@ -35,7 +30,10 @@ def watchdog(
     is NOT SAFE, 6 when that is NOT KNOWN: then somebody must go to the chamber.
     """
     from hil.config import load_bench
+    from hil.config.ports import SIMULATED_SCHEME
     from hil.config.recorded import configuration_of
+    from hil.night.notify import Notifier
+    from hil.night.watchdog import Patience, Watchdog
     from hil.records import open_readonly
 
     stop = StopRequest()
@@ -52,30 +50,18 @@ def watchdog(
                 on = configuration_of(journal.night.configuration, Path(named_files))[0]
         else:
             on = load_bench(bench)
-        watched = _watch(folder, on, timeout, kill=kill, stop=stop)
-    _say(watched.message)
-    return watched.exit_status
-
-
-def _watch(folder: Path, on: Bench, timeout: float, *, kill: bool, stop: StopRequest) -> Watched:
-    from hil.config.ports import SIMULATED_SCHEME
-    from hil.night.notify import Notifier
-    from hil.night.watchdog import Patience, Watchdog
-
-    if on.chamber.port.startswith(SIMULATED_SCHEME):
-        gone = "its chamber is simulated inside the controller and dies with it"
-        raise InputError(
-            f"{folder}: {gone}: nothing to watch or to make safe; a night that was killed hil resume carries on"
-        )
-    patience = Patience(timeout_s=timeout, look_s=min(1.0, timeout / 5.0), term_s=min(10.0, timeout))
-    notifier = Notifier(on.notify, f"{on.name}{' SIMULATED' if on.simulated else ''}, {folder.name}", _say)
-    try:
-        ended = Watchdog(folder, on, patience=patience, kill=kill, say=_say, stop=stop).run()
-        if ended.exit_status != Exit.DONE:
-            notifier.tell("fault", ended.message)
-        return ended
-    finally:
-        notifier.close()
+        if on.chamber.port.startswith(SIMULATED_SCHEME):
+            gone = "its chamber is simulated inside the controller and dies with it"
+            raise InputError(
+                f"{folder}: {gone}: nothing to watch or to make safe; a night that was killed hil resume carries on"
+            )
+        patience = Patience(timeout_s=timeout, look_s=min(1.0, timeout / 5.0), term_s=min(10.0, timeout))
+        with closing(Notifier(on.notify, f"{on.name}{' SIMULATED' * on.simulated}, {folder.name}", _say)) as notifier:
+            ended = Watchdog(folder, on, patience=patience, kill=kill, say=_say, stop=stop).run()
+            if ended.exit_status != Exit.DONE:
+                notifier.tell("fault", ended.message)
+    _say(ended.message)
+    return ended.exit_status
 
 
 class WatchdogBeside(Progress):

@@ -24,6 +24,7 @@ from hil.config import Bench
 from hil.config.limits import load_limits
 from hil.config.recorded import bench_of_record, recorded_limits
 from hil.design.budget.budget import MeanBudget, budgets_of_means, repeats_of
+from hil.design.budget.document import named
 from hil.design.budget.scenes import measured_scenes
 from hil.errors import InputError
 from hil.files.document import plain
@@ -166,19 +167,17 @@ def _results(where: Mapping[str, Any], sensor: int, each: MeanBudget) -> Iterato
 
 def _annex(where: Mapping[str, Any], sensor: int, each: MeanBudget) -> dict[str, Any]:
     """Return the budget of the means at one temperature: a line for each source, and for what none explains."""
-
-    def named(values: Any) -> dict[str, float | None]:
-        return {name: plain(value) for name, value in zip(each.budget.names, values, strict=True)}
-
     return {
         "sensor": sensor,
         **where,
         "runs": list(each.mean.runs),
         "repeats_of": dict(zip(each.budget.names, repeats_of(each.budget, each.mean).tolist(), strict=True)),
         "units": dict(zip(each.budget.names, each.budget.units, strict=True)),
-        "sources": [{"title": title, "parameters": named(values)} for title, values in each.shares.items()],
-        "unexplained": named(each.unexplained),
-        "combined": named(each.standard),
+        "sources": [
+            {"title": title, "parameters": named(each.budget, values)} for title, values in each.shares.items()
+        ],
+        "unexplained": named(each.budget, each.unexplained),
+        "combined": named(each.budget, each.standard),
         "left_out": list(each.scene.left_out),
     }
 

@@ -177,8 +177,7 @@ def draw_against_temperature(title: str, unit: str, lines: Sequence[Line], *, fa
         look: Any = {"capsize": 3, "markersize": 5, "linewidth": 1.4, **LOOKS[line.style]}
         axes.errorbar(line.temperature_degC, line.mean, np.nan_to_num(line.sigma), label=line.label, **look)
     axes.axhline(0.0, color="0.6", linewidth=0.8, zorder=0)
-    axes.set_xlabel("temperature, °C")
-    axes.set_ylabel(unit)
+    axes.set(xlabel="temperature, °C", ylabel=unit)
     axes.set_title(title, loc="left", fontsize=10, pad=8)
     if fahrenheit:
         both: Any = (lambda celsius: celsius * 1.8 + 32.0, lambda fahrenheit: (fahrenheit - 32.0) / 1.8)
@@ -218,8 +217,7 @@ def draw_night(night: NightContent) -> Figure:
             if len(night.event_hours) <= _NUMBERED and hour - last_h > 0.015 * (np.nanmax(night.hours) or 1.0):
                 axes.annotate(str(number), (hour, top + 0.03), xycoords=along, ha="center", va="bottom", fontsize=7.5)
                 last_h = hour
-    axes.set_xlabel("time since the night began, hours")
-    axes.set_ylabel("temperature, °C")
+    axes.set(xlabel="time since the night began, hours", ylabel="temperature, °C")
     axes.margins(x=0.01)
     figure.subplots_adjust(bottom=0.22, top=0.89)
     figure.legend(frameon=False, fontsize=8, ncols=7, loc="lower center")

@@ -141,11 +141,8 @@ def draw(result: AllanResult) -> Figure:
         axes.plot(
             tau_s, unit_size * term.value * tau_s**slope, color=color, linestyle=style, linewidth=1.0, label=label
         )
-    axes.set_xscale("log")
-    axes.set_yscale("log")
-    axes.set_ylim(0.5 * float(np.min(found.low)), 2.0 * float(np.max(found.high)))
-    axes.set_xlabel("averaging time, s")
-    axes.set_ylabel("overlapping Allan deviation, deg/hr")
+    axes.set(xscale="log", yscale="log", ylim=(0.5 * float(np.min(found.low)), 2.0 * float(np.max(found.high))))
+    axes.set(xlabel="averaging time, s", ylabel="overlapping Allan deviation, deg/hr")
     title = marked(result.recording.name, simulated=result.recording.simulated)
     axes.set_title(title, loc="left", fontsize=10, parse_math=False)
     axes.grid(visible=True, which="both", color="0.92")

@@ -65,8 +65,7 @@ def draw_fit(fit: SensorFit, campaign: Campaign) -> Figure:
         axes = figure.add_subplot(rows, columns, place)
         axes.errorbar(centre, each.values.values, yerr=each.values.half_width, fmt="o", color="#0072B2", capsize=2)
         axes.plot(grid, each.curve.at(grid), color="#D55E00", linestyle="--", linewidth=1.4, label=each.form)
-        axes.set_ylabel(f"{each.name}, {each.unit}")
-        axes.set_xlabel("unit temperature, °C")
+        axes.set(ylabel=f"{each.name}, {each.unit}", xlabel="unit temperature, °C")
         axes.grid(visible=True, color="0.92")
         axes.legend(frameon=False, fontsize=8)
     title = f"{campaign.title}, sensor {fit.number}: free values (95 %) and chosen curves"

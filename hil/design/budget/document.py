@@ -113,10 +113,10 @@ def _sensor(runs: Sequence[RunScene], asked: Asked, observed: SensorRepeats | No
             for each in budget.shares
         ],
         "total": _both(budget, budget.total(), budget.everything),
-        "mean_of_repeats": _named(budget, mean_of_repeats(of_mean, repeats, chosen.run, observed, mean)),
-        "run_to_run": _named(budget, budget.from_run_to_run),
+        "mean_of_repeats": named(budget, mean_of_repeats(of_mean, repeats, chosen.run, observed, mean)),
+        "run_to_run": named(budget, budget.from_run_to_run),
         "observed_run_to_run": {} if observed is None else observed.document()["run_to_run"],
-        "as_solved": _named(budget, as_solved(budget, chosen.run, observed)) if observed is not None else {},
+        "as_solved": named(budget, as_solved(budget, chosen.run, observed)) if observed is not None else {},
         "as_solved_for": [] if observed is None else _said(observed),
         "mean_as_solved": {}
         if mean is None
@@ -127,7 +127,7 @@ def _sensor(runs: Sequence[RunScene], asked: Asked, observed: SensorRepeats | No
         "agrees": budget.agrees,
         "too_large": budget.too_large,
         "runs": [
-            {"run": each.run, "temperature_degC": each.at[0], "total": _named(budget, alone[each.run].total())}
+            {"run": each.run, "temperature_degC": each.at[0], "total": named(budget, alone[each.run].total())}
             for each in runs
         ],
     }
@@ -141,7 +141,8 @@ def _both(budget: Budget, analytic: FloatArray, simulated: FloatArray) -> dict[s
     }
 
 
-def _named(budget: Budget, values: FloatArray) -> dict[str, float | None]:
+def named(budget: Budget, values: FloatArray) -> dict[str, float | None]:
+    """Return what is of each parameter, (p,), by their names; None where it is not known."""
     return {name: plain(value) for name, value in zip(budget.names, values, strict=True)}
 
 
