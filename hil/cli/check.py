@@ -57,6 +57,8 @@ def look_first(sweep: Sweep, bench: Bench, folder: Path, despite: str, done: Col
 
 
 def _look(sweep: Sweep | None, bench: Bench, folder: Path, done: Collection[str] = ()) -> list[Finding]:
+    from hil.archive.places import check_usable
+    from hil.bench.advice import Finding
     from hil.bench.lock import bench_lock
     from hil.bench.preflight import preflight
     from hil.config.sweep import cautions, check_sweep_against_bench, limits_of
@@ -67,22 +69,17 @@ def _look(sweep: Sweep | None, bench: Bench, folder: Path, done: Collection[str]
         warn(cautions(sweep, bench))
     there = next(above for above in (folder.absolute(), *folder.absolute().parents) if above.is_dir())
     with bench_lock(bench, folder):
-        return [*preflight(sweep, bench, there, done), *_archive(bench.archive)]
-
-
-def _archive(archive: Path | None) -> Iterator[Finding]:
-    """Say whether the night can be taken up at its end into the archive that the bench file names."""
-    from hil.archive.places import check_usable
-    from hil.bench.advice import Finding
-
-    if archive is not None:
+        found = list(preflight(sweep, bench, there, done))
+    if bench.archive is not None:
         try:
-            check_usable(archive)
+            check_usable(bench.archive)
+            found.append(Finding("archive", True, f"{bench.archive}: takes the night up at its end"))
         except InputError as error:
-            advice = f"hil archive {archive} --found makes one; a disk that should be there is to be connected first"
-            yield Finding("archive", False, str(error), "" if archive.exists() else advice)
-        else:
-            yield Finding("archive", True, f"{archive}: takes the night up at its end")
+            advice = (
+                f"hil archive {bench.archive} --found makes one; a disk that should be there is to be connected first"
+            )
+            found.append(Finding("archive", False, str(error), "" if bench.archive.exists() else advice))
+    return found
 
 
 def _in_words(findings: Sequence[Finding]) -> Iterator[str]:

@@ -345,36 +345,6 @@ def visibility_text(document: Mapping[str, Any]) -> str:
     """Return a screenful of plain lines from the document hil.visibility/1."""
     seen = [effect for effect in document["effects"] if effect["visible"]]
     seen.sort(key=lambda effect: effect["smallest_visible"]["of_largest_typical"] or math.inf)
-    larger = [each["smallest_visible"] for each in seen if not each["in_sight"]]
-    far = [of for of in larger if of["easiest"]["value"] is None or of["easiest"]["value"] > _BEYOND * of["typical"][1]]
-    asked = {effect["id"] for effect in document["effects"]}
-    reasons = {
-        name: why
-        for sensor in document["sensors"].values()
-        for name, why in sensor["cannot_be_asked"].items()
-        if name not in asked and "cannot" in why
-    }
-    helps = ("newly_visible", "separated", "protected")
-    return filled(
-        "hil.design.visibility",
-        "text.txt.j2",
-        r=document,
-        wrong=list(in_words(document)),
-        seen=[effect for effect in seen if effect["in_sight"]],
-        small=[effect for effect in seen if not effect["in_sight"] and effect["smallest_visible"] not in far],
-        far=[effect for effect in seen if effect["smallest_visible"] in far],
-        beyond=_BEYOND,
-        alike=sorted({tuple(effect["class"]) for effect in seen if effect["in_sight"] and len(effect["class"]) > 1}),
-        unasked={
-            name: f"{name} ({how})" for effect in seen for name, how in effect["unasked"].items() if name not in asked
-        },
-        needing={name: why.removeprefix("cannot be asked: ") for name, why in reasons.items()},
-        changes=[
-            each for each in document["changes"] if any(each[key] for key in helps) or each["size_ratio"] < _WORTH
-        ],
-        worth=_WORTH,
-        listed=listed,
-        no_noise=NO_NOISE,
-        unit_in_words=unit_in_words,
-        shape_in_words=shape_in_words,
-    ).rstrip("\n")
+    words = {each.__name__: each for each in (listed, unit_in_words, shape_in_words)}
+    known = {"r": document, "seen": seen, "wrong": list(in_words(document)), "no_noise": NO_NOISE, **words}
+    return filled("hil.design.visibility", "text.txt.j2", beyond=_BEYOND, worth=_WORTH, **known).rstrip("\n")
