@@ -261,7 +261,6 @@ def _sites(now: Mapping[str, float], before: Mapping[str, float]) -> Iterator[st
 
 
 def _orders(campaign: Campaign, earlier: Campaign) -> Iterator[str]:
-    """Yield that two campaigns took their collects in other orders, once for all sensors."""
     for number in sorted(campaign.sensors.keys() & earlier.sensors.keys()):
         both = ({*order_of_runs(of.sensors[number].conditions).values()} for of in (campaign, earlier))
         now, before = (sorted("-".join(order) for order in orders) for orders in both)

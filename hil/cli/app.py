@@ -29,11 +29,7 @@ GROUPS = {
 """Under which title `hil --help` has which commands, in the order in which they are needed; there are no others."""
 _ROOMS = (night, data, archive, model, recordings, beside, watchdog, coefficients, start, chamber)
 _BELOW: Mapping[str, tuple[type[TyperGroup], str, Sequence[Callable[..., Any]]]] = {
-    "frames": (
-        TyperGroup,
-        "Frame descriptions: what a unit's bytes mean.",
-        (recordings.check, recordings.guess),
-    ),
+    "frames": (TyperGroup, "Frame descriptions: what a unit's bytes mean.", (recordings.check, recordings.guess)),
     "import": (
         recordings.TableUnlessSaid,
         "Data from elsewhere as a campaign folder: a table, a log.",

@@ -1,6 +1,6 @@
 """Commands about a unit: its certificate, the archive, its life: certificate, archive, units, history."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from datetime import date
 from pathlib import Path
 from typing import Any
@@ -125,7 +125,13 @@ def history(
     with opened_index(folder) as index:
         document = became(index, serial, model, chosen)
     if csv_file is not None:
-        _write_csv(csv_file, _rows(document))
+        rows = (
+            {**{key: of[key] for key in ("sensor", "parameter")}, "temperature_degC": at["temperature_degC"], **each}
+            for of in document["parameters"]
+            for at in of["temperatures"]
+            for each in at["values"]
+        )
+        _write_csv(csv_file, rows)
     if page is not None:
         from hil.archive.page import history_page
 
@@ -136,14 +142,6 @@ def history(
 
         write_campaign(life(folder, [each["entry"] for each in document["campaigns"] if each["used"]]), out)
     return Answer(document, {"written_to": list(filter(None, (csv_file, page, out)))})
-
-
-def _rows(document: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
-    for parameter in document["parameters"]:
-        for station in parameter["temperatures"]:
-            for each in station["values"]:
-                names = {"sensor": parameter["sensor"], "parameter": parameter["parameter"]}
-                yield {**names, "temperature_degC": station["temperature_degC"], **each}
 
 
 def _named(archive: Path | None) -> Path:

@@ -119,7 +119,6 @@ def twin(campaign: Path, model: str, draws: int = 20, seed: int = 1, out: Path |
 
 @contextmanager
 def _bar(draws: int) -> Iterator[Callable[[int], None]]:
-    """Show how many nights are simulated, and how long the others take; on a terminal as a bar."""
     console = messages()
     # However slow a machine is, two nights tell how long one takes.
     with Progress(

@@ -147,7 +147,6 @@ def _start(
 
 
 def _end(ended: NightOutcome) -> int:
-    """Say how it ended, and whether it is good: complete and good are two words."""
     from hil.cli.watch import look_at
 
     with suppress(OSError, InputError, sqlite3.Error):  # a closed terminal, a full disk; the journal says what it can
@@ -163,7 +162,6 @@ def _end(ended: NightOutcome) -> int:
 
 @contextmanager
 def _watching(folder: Path, bench: Bench, *, quiet: bool, watchdog: bool) -> Iterator[Progress]:
-    """Give the onlookers of a night: the terminal, and a watchdog beside the controller of a real chamber."""
     from hil.config.ports import SIMULATED_SCHEME
 
     progress = onlooker(messages(), quiet=quiet, simulated=bench.simulated)
@@ -229,8 +227,8 @@ def demo(out: Path = Path("demo"), quiet: bool = False) -> int:
     sweep, bench = load_sweep("rd-gc-86-1"), load_bench("simulated")
     if out.exists():
         check_folder(out)
-    if out.exists() and any(out.iterdir()):
-        refuse_but_demo(out, sweep)
+        if any(out.iterdir()):
+            refuse_but_demo(out, sweep)
     look_first(sweep, bench, out, "")
     if out.exists():
         shutil.rmtree(out)

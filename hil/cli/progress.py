@@ -149,7 +149,6 @@ def _temperatures(now: Snapshot) -> str:
 
 
 def _rate(label: str, mean: float, now: Snapshot) -> str:
-    """Return a running mean with its error so far, or what the channel shows at this moment."""
     error = now.rates_se_deg_per_hr.get(label) if now.rates_deg_per_hr else None
     # The space within one rate must not break, or the error stands alone on the next line.
     return f"{label}\u00a0{mean:+.2f}" + ("" if error is None else f"\u00a0±\u00a0{error:.2f}")

@@ -112,7 +112,6 @@ def _told(name: str, thing: Any) -> Iterator[str]:
 
 
 def _signature(name: str, thing: Any) -> str:
-    """Return how it is called, without the quotes around annotations and the modules of types."""
     text = re.sub(r"(: |-> )'([^']*)'", r"\1\2", str(inspect.signature(thing)))
     text = re.sub(r"\b(?:[a-z_]\w*\.)+(\w)", r"\1", text.removesuffix(" -> None"))
     return name + re.sub(r"^\(self(, )?", "(", text)

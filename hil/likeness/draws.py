@@ -187,7 +187,6 @@ def night_of_averages(campaign: Campaign, model: Model, rng: np.random.Generator
 
 
 def _made_before(keep: Path, alike: str, number: int) -> dict[str, float] | None:
-    """Return the numbers of a draw that the folder has, None where it has none that was made alike."""
     path = _file(keep, number)
     made = json.loads(read_text(path)) if path.is_file() else {}
     return dict(made["numbers"]) if made.get("of") == alike else None

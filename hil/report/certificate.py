@@ -144,7 +144,6 @@ def refusals(
 
 
 def _results(where: Mapping[str, Any], sensor: int, each: MeanBudget) -> Iterator[dict[str, Any]]:
-    """Yield the parameters' means at one temperature with their expanded uncertainties."""
     for name, value in each.values.items():
         expanded = value.expanded(K)
         # Two digits of an expanded uncertainty are left (GUM 7.2.6).
@@ -166,7 +165,6 @@ def _results(where: Mapping[str, Any], sensor: int, each: MeanBudget) -> Iterato
 
 
 def _annex(where: Mapping[str, Any], sensor: int, each: MeanBudget) -> dict[str, Any]:
-    """Return the budget of the means at one temperature: a line for each source, and for what none explains."""
     return {
         "sensor": sensor,
         **where,

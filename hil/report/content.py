@@ -179,10 +179,8 @@ def _filled(what: str, content: ReportContent, **known: Any) -> list[str]:
 def largest(content: ReportContent) -> Iterator[str]:
     """Yield of each sensor beside which the contractor's solution stands the largest term that it leaves out."""
     for sensor in (each for each in content.sensors if each.has_contractor):
-        names = ("MUA", "MUB")
-        known = [(each.values, name, each) for each in sensor.shown.means for name in names]
-        sizes = [(values[name], name, each) for values, name, each in known if name in values]
-        if sizes:
+        known = [(of.values.get(name), name, of) for of in sensor.shown.means for name in ("MUA", "MUB")]
+        if sizes := [(value, name, of) for value, name, of in known if value is not None]:
             mean, name, repeat = max(sizes, key=lambda each: abs(each[0].value))
             digits = decimals_for([mean.sd]) - 1
             sigma = f" ±{mean.sd:.{digits}f}" if np.isfinite(mean.sd) else ""
@@ -204,7 +202,6 @@ def assumed(content: ReportContent) -> list[str]:
 
 
 def _with_unit(name: str, value: float) -> str:
-    """Write `latitude_deg` as people do: latitude 34.6 deg."""
     words, _, unit = name.rpartition("_")
     return f"{words.replace('_', ' ')} {value:.4g} {unit}" if words else f"{name} {value:g}"
 

@@ -216,7 +216,6 @@ def _margins(ended: Sequence[tuple[Step, Attempt]]) -> Iterator[dict[str, Any]]:
 
 
 def _rejected(journal: JournalReader, *, going_on: bool) -> list[tuple[str, str, str]]:
-    """Return every attempt that does not count, and why; not the one that is going on now."""
     attempts, steps = journal.attempts(), journal.steps_by_key()
     newest = attempts[-1] if attempts and going_on and attempts[-1].outcome is None else None
     found = []

@@ -302,12 +302,7 @@ def _columns(tau_s: FloatArray) -> FloatArray:
 
 
 def _maximum(
-    columns: FloatArray,
-    variance: FloatArray,
-    edf: FloatArray,
-    fixed: FloatArray | None = None,
-    *,
-    bounded: bool = True,
+    columns: FloatArray, variance: FloatArray, edf: FloatArray, fixed: FloatArray | None = None, *, bounded: bool = True
 ) -> FloatArray:
     """Return the likeliest squares (p,) of the terms, none below 0 if `bounded`, beside `fixed` variance (k,)."""
     given = np.zeros_like(variance) if fixed is None else fixed

@@ -81,7 +81,6 @@ def _of_folder(folder: Path, channel: str | None, sensor: int | None, collect: i
 
 
 def _choose_channel(folder: Path, campaign: Campaign, channel: str | None, sensor: int | None) -> tuple[int, str]:
-    """Return sensor number and channel; refuse where there is more than one to choose from."""
     if sensor is not None and sensor not in campaign.sensors:
         raise InputError(f"{folder}: there is no sensor {sensor}; there are {choice(campaign.sensors)}")
     numbers = [sensor] if sensor is not None else list(campaign.sensors)

@@ -168,7 +168,6 @@ def _check_size(log: Log, mean_g: FloatArray) -> None:
 
 
 def _positions(log: Log, stretches: Sequence[Stretch], f_g: FloatArray) -> tuple[list[str], list[str]]:
-    """Return a label for each pose, and in words which of the log's labels its accelerations contradict."""
     positions, said, turned, axes = [], [], 0, 0
     for k, (each, f) in enumerate(zip(stretches, f_g, strict=True), start=1):
         first, last = log.row[each.rows][[0, -1]]

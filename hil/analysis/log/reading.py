@@ -170,7 +170,6 @@ def columns_of_bytes(path: Path, frames: StreamDescription, rate_hz: float | Non
 
 
 def _names(table: Columns, kind: Kind, given: str | None) -> list[str]:
-    """Return the columns of a kind, in the order of the axes; refuse where that is a question."""
     sought = _SOUGHT[kind]
     if given is not None:
         names = [name.strip() for name in given.split(",")]

@@ -100,7 +100,6 @@ def reproduce(campaign: Campaign, sensor: int = 2) -> dict[str, Any]:
 
 
 def _line(label: str, row: Mapping[str, Any], temperatures_degC: Sequence[float | None]) -> dict[str, Any]:
-    """Return a line of a figure: a row of Table 1 against temperature, null where there is nothing."""
     cells = row["cells"]
     return {
         "label": label,

@@ -87,7 +87,6 @@ def read_published_table(table: Path) -> Campaign:
 
 
 def _audited(path: Path) -> str:
-    """Say what `hil audit` says of the table: which cells contradict each other, whether or not they are flagged."""
     try:
         return f"hil audit: {Audit(path).summary()}"
     except InputError as error:

@@ -271,7 +271,6 @@ def _curve(layout: Layout, unit: str, order: int | None, coefficients: Estimates
 
 
 def _rate_improvement(layout: Layout, choices: Sequence[Choice], errors: Sequence[FloatArray]) -> Improvement:
-    """What the curves of all parameters together do for the rates at a temperature that was left out."""
     number = layout.stations.number
     constant = np.stack([choice.held_out_constant[number] for choice in choices], -1)
     modelled = np.stack([each[number] for each in errors], -1)

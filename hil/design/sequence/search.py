@@ -279,7 +279,6 @@ class _Weigher:
 
 
 def _variants(sweep: Sweep, bench: Bench) -> list[tuple[str, ...]]:
-    """Return the base sweep's sequence, the last two exchanged, a fourth position added, and their palindromes."""
     own = sweep.positions
     found = [own]
     if len(own) == len(set(own)) == _FEWEST:

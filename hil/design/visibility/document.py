@@ -244,7 +244,6 @@ def _seen(shown: SensorRepeats, *, assumed: bool) -> NoiseLevel:
 
 
 def _of_model(level: NoiseLevel) -> NoiseLevel:
-    """Return a noise level that a model states to scatter from run to run; what it does not is as assumed."""
     if level.run_bias_deg_per_hr > 0.0:
         return replace(level, source="the model")
     usual = NoiseLevel().run_bias_deg_per_hr
@@ -334,7 +333,6 @@ def _improvement(change: Change, before: Mapping[int, Sights], after: Mapping[in
 
 
 def _protected(pairs: Sequence[tuple[Sight, Sight]]) -> Iterator[tuple[str, str]]:
-    """Yield effects with the parameters of one sensor that they moved, and move no more."""
     for sight, other in pairs:
         for name, leak in sight.leaks.items() if sight.effect.in_models else ():
             if leak > 1.0 and other.leaks.get(name, 0.0) < _CLEAN * leak:

@@ -24,15 +24,7 @@ from hil.model.effects.columns import flattened
 from hil.model.effects.prior import UNSEEN, log_in_one, name_odds, shapes_tried
 from hil.model.equation import pickoff_rates
 from hil.model.forms import default_form, gs_columns, mu_columns, named_form
-from hil.solve.identifiability import (
-    CANNOT_BE_SEEN,
-    Visible,
-    classes,
-    orthonormal,
-    overlap_table,
-    visible,
-    whitener,
-)
+from hil.solve.identifiability import CANNOT_BE_SEEN, Visible, classes, orthonormal, overlap_table, visible, whitener
 from hil.solve.temperatures import fitted_form, law_not_told, told_parameters
 
 _VARIES_DEGC = 20.0
