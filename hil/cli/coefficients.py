@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from hil.cli.answer import Answer
 from hil.cli.data import read_source
@@ -128,9 +128,12 @@ def budget(
 ) -> Answer:
     """Say what each source of error contributes to each parameter, calculated and by Monte Carlo."""
     from hil.config import load_bench, load_sweep
+    from hil.config.recorded import bench_of_record
     from hil.design.budget.document import Asked, budget_document
     from hil.design.budget.scenes import measured_scenes, planned_scenes
     from hil.model import fitting_campaign, load_model
+    from hil.records import reading
+    from hil.records.reader import is_night
     from hil.solve import repeats as what_repeats_show
     from hil.solve import solve_campaign
     from hil.solve.beside_terms import beside
@@ -142,7 +145,10 @@ def budget(
         campaign = read_source(Path(source))
         if chosen is not None:  # as hil solve takes it
             campaign = beside(campaign, fitting_campaign(chosen, campaign))
-        its_bench = load_bench(bench) if bench is not None else _bench_of(Path(source))
+        its_bench = load_bench(bench or "simulated")
+        if bench is None and is_night(Path(source)):
+            with reading(Path(source)) as journal:
+                its_bench = bench_of_record(journal.night.configuration)
         shown = what_repeats_show(campaign, solve_campaign(campaign))
         scenes, asked = measured_scenes(campaign, its_bench, shown, chosen), Asked(run, repeats, draws, seed)
         document = budget_document(scenes, campaign.title, asked, simulated=campaign.simulated, observed=shown)
@@ -154,18 +160,6 @@ def budget(
             planned_scenes(sweep, its_bench, chosen), sweep.title, asked, simulated=its_bench.simulated
         )
     return Answer(document)
-
-
-def _bench_of(folder: Path) -> Any:
-    from hil.config import load_bench
-    from hil.config.recorded import bench_of_record
-    from hil.records import reading
-    from hil.records.reader import is_night
-
-    if not is_night(folder):
-        return load_bench("simulated")
-    with reading(folder) as journal:
-        return bench_of_record(journal.night.configuration)
 
 
 def design(

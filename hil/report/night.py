@@ -14,6 +14,7 @@ import hashlib
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,13 +24,14 @@ from drivers.given_file import opened
 from hil.campaign import Campaign, FloatArray
 from hil.campaign.reader import COLLECTS_FILE, HEADER_FILE, SERIES_FOLDER
 from hil.config.recorded import understood
+from hil.files.page import filled
 from hil.records import JournalReader, reading
 from hil.records.curve import temperatures
 from hil.records.rows import Attempt
 from hil.records.status import WORKING, night_status, recorded_end
 from hil.records.troubles import to_do
 from procedures.journal_protocol import Outcome
-from procedures.plan import Plan, Step, StepKind
+from procedures.plan import Step, StepKind
 from procedures.words import counted, hours_minutes, step_in_words
 
 _SECONDS_PER_HOUR = 3600.0
@@ -78,14 +80,22 @@ def night_content(folder: Path) -> NightContent:
         ended = [(steps[key], attempt) for key, attempt in done.items()]
         identity = next((each.data for step, each in ended if step.kind is StepKind.IDENTIFY), {})
         hours, series = _temperatures(*temperatures(folder, journal.heartbeats(), recorded_end(journal).get("trace")))
+        words = {
+            "counted": counted,
+            "hours_minutes": hours_minutes,
+            "local": partial(_local, journal),
+            "kind": StepKind,
+        }
+        known = {"journal": journal, "plan": journal.plan, "status": status, "done": journal.completed()}
+        asked, done_in_words = filled("hil.report", "night.txt.j2", **known, **words).splitlines()
         return NightContent(
             state=str(status["state"]),
             title=journal.night.title,
             simulated=journal.night.simulated,
             reason=str(status["reason"]),
             to_do=_to_do(folder, status),
-            asked=_asked(journal.plan),
-            done=_done(journal, status),
+            asked=asked,
+            done=done_in_words,
             identity=status["identity"],
             self_calibrations=(status["self_calibrations_done"], status["self_calibrations_total"]),
             missing=list(status["missing"]),
@@ -109,35 +119,6 @@ def _to_do(folder: Path, status: Mapping[str, Any]) -> str:
     chamber = status["chamber_in_words"]
     told = "" if chamber in status["reason"] else f"{chamber}. "
     return f"{told}To do: {to_do(Path(folder.name), {**status, 'verdict': None})}"
-
-
-def _asked(plan: Plan) -> str:
-    runs = plan.self_calibrations
-    soaks = plan.of_kind(StepKind.RESTABILISE)
-    temperatures = list(dict.fromkeys(step.temperature_degC for step in soaks if step.temperature_degC is not None))
-    first = next(iter(runs.values()), ())
-    positions = ", ".join(str(step.position) for step in first if step.kind is StepKind.COLLECT)
-    at_least = {hours_minutes(step.parameters["at_least_s"]) for step in soaks if "at_least_s" in step.parameters}
-    soak = f"; each after at least {' or '.join(sorted(at_least))} of restabilisation" if at_least else ""
-    where = ", ".join(f"{temperature:.1f}" for temperature in temperatures)
-    at = f" at {counted(len(temperatures), 'temperature')} ({where} °C)" if temperatures else ""
-    return (
-        f"{counted(len(runs), 'self-calibration')}{at}; collects at positions {positions}{soak}; "
-        f"{hours_minutes(plan.total_s)} planned"
-    )
-
-
-def _done(journal: JournalReader, status: Mapping[str, object]) -> str:
-    plan, done = journal.plan, journal.completed()
-    collects = plan.of_kind(StepKind.COLLECT)
-    taken = sum(step.key in done for step in collects)
-    last_s = max((each.seen_s for each in journal.controllers()), default=0.0)
-    sittings = len(journal.controllers())
-    return (
-        f"{status['self_calibrations_done']} of {counted(len(plan.self_calibrations), 'self-calibration')}, {taken} of "
-        f"{counted(len(collects), 'collect')}, {len(done)} of {len(plan.steps)} steps, in {hours_minutes(last_s)} from "
-        f"{_local(journal, 0.0)} to {_local(journal, last_s)}" + (f", in {sittings} parts" if sittings > 1 else "")
-    )
 
 
 def _soak(step: Step, attempt: Attempt) -> dict[str, Any]:

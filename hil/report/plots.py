@@ -23,13 +23,7 @@ from hil.report.night import NightContent, night_content
 from procedures.words import ranges
 
 _COLORS = ("#0072B2", "#D55E00", "#009E73")
-_TRACES: tuple[dict[str, Any], ...] = (
-    {"color": "0.35", "linestyle": ":", "linewidth": 1.2},
-    {"color": "#0072B2", "linestyle": "-", "linewidth": 1.3},
-    {"color": "#D55E00", "linestyle": "--", "linewidth": 1.3},
-    {"color": "#009E73", "linestyle": "-.", "linewidth": 1.3},
-    {"color": "#CC79A7", "linestyle": (0, (5, 1)), "linewidth": 1.3},
-)
+_TRACES = {"0.35": ":", "#0072B2": "-", "#D55E00": "--", "#009E73": "-.", "#CC79A7": (0, (5, 1))}  # colour and dash
 _NUMBERED = 40  # more events than this are marked without their numbers, which could not be read
 
 
@@ -197,8 +191,9 @@ def draw_night(night: NightContent) -> Figure:
     The numbers are those of the list of events, from 1.
     """
     figure, axes = blank(10.0, 3.3)
-    for (label, values), look in zip(night.temperatures.items(), _TRACES, strict=False):
-        axes.plot(night.hours, values, label=label, **look)
+    for (label, values), (color, dash) in zip(night.temperatures.items(), _TRACES.items(), strict=False):
+        width = 1.2 if dash == ":" else 1.3
+        axes.plot(night.hours, values, label=label, color=color, linestyle=dash, linewidth=width)
     for place, soak in enumerate(night.soaks):
         label = "_" if place else "restabilising"
         axes.axvspan(soak["began_h"], soak["ended_h"], color="0.9", linewidth=0.0, zorder=0, label=label)

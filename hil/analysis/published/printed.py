@@ -24,12 +24,7 @@ SEVEN = tuple(f"A-{number}" for number in range(27, 34))
 _PARAMETER = re.compile(r"(MUA|MUB)(\d*)(?:_matrix)?|(BA|BB)(\d*)_(matrix|collins)")
 _UNITS = {"", "deg/h", "deg/h/g", "°/h", "°/h/g"}
 _LARGEST = 1e9  # deg/hr
-_TEMPERATURES = {
-    "temperature_F": "degF",
-    "temperature_degF": "degF",
-    "temperature_C": "degC",
-    "temperature_degC": "degC",
-}
+_TEMPERATURES = {f"temperature_{name}": f"deg{name[-1]}" for name in ("F", "degF", "C", "degC")}
 
 
 @dataclass(frozen=True)

@@ -62,10 +62,6 @@ class Estimates:
         here = slice(start, start + count)
         return Estimates(self.values[here], self.covariance[here, here], self.freedom)
 
-    def scaled(self, factors: FloatArray) -> Estimates:
-        """Return each value times a factor, (q,)."""
-        return Estimates(self.values * factors, self.covariance * np.outer(factors, factors), self.freedom)
-
 
 @dataclass(frozen=True)
 class Layout:

@@ -62,7 +62,9 @@ class ParameterFit:
         coefficients = seen.along(place, order)[0]
         self.hysteresis = seen.along(place, None)[1]  # beside a form that does not describe it, it would take its place
         if order is not None:
-            coefficients = coefficients.scaled(layout.half_degC ** -np.arange(order + 1.0))
+            by = layout.half_degC ** -np.arange(order + 1.0)
+            scaled = coefficients.covariance * np.outer(by, by)
+            coefficients = replace(coefficients, values=coefficients.values * by, covariance=scaled)
         elif choice.form.name == MONOTONE:
             coefficients = replace(coefficients, values=monotone(coefficients.values, choice.weight))
         ratio, chance = (1.0, None) if order is None else _misfit(layout, values, order)
