@@ -48,6 +48,7 @@ class Grouped(TyperGroup):
     """The commands by what they are for, not by where they were written."""
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Write a list of commands for each group."""
         wide = max(map(len, self.list_commands(ctx)))
         for title, names in GROUPS.items():
             with formatter.section(title):

@@ -58,6 +58,7 @@ class TableUnlessSaid(TyperGroup):
     """`hil import TABLE OUT` is `hil import table TABLE OUT`: what is no command is a table."""
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Find the command that `args` begin with, or `table`."""
         return super().resolve_command(ctx, args if args[0] in self.commands else ["table", *args])
 
 
