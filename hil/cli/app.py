@@ -13,7 +13,7 @@ from typer.core import TyperGroup
 
 from hil.cli import archive, chamber, coefficients, data, model, night, recordings, start, watchdog
 from hil.cli import requests as beside
-from hil.cli.exit_status import run_to_exit, with_status
+from hil.cli.exit_status import OPTIONS, run_to_exit, with_status
 from hil.cli.output import always_writable, flushed
 from hil.errors import InputError
 
@@ -28,18 +28,10 @@ GROUPS = {
 }
 """Under which title `hil --help` has which commands, in the order in which they are needed; there are no others."""
 _ROOMS = (night, data, archive, model, recordings, beside, watchdog, coefficients, start, chamber)
-_BELOW: Mapping[str, tuple[type[TyperGroup], str, Sequence[Callable[..., Any]]]] = {
-    "frames": (TyperGroup, "Frame descriptions: what a unit's bytes mean.", (recordings.check, recordings.guess)),
-    "import": (
-        recordings.TableUnlessSaid,
-        "Data from elsewhere as a campaign folder: a table, a log.",
-        (recordings.table, recordings.log),
-    ),
-    "plot": (
-        TyperGroup,
-        "Draw a collect, a night or parameters against temperature, as SVG or PNG.",
-        (data.series, data.temperatures, data.parameters),
-    ),
+_BELOW: Mapping[str, Sequence[Callable[..., Any]]] = {
+    "frames": (recordings.check, recordings.guess),
+    "import": (recordings.table, recordings.log),
+    "plot": (data.series, data.temperatures, data.parameters),
 }
 """Commands that have commands of their own, and which."""
 
@@ -79,9 +71,9 @@ app = typer.Typer(
 
 for name in " ".join(GROUPS.values()).split():
     if name in _BELOW:
-        group, about, commands = _BELOW[name]
-        below = typer.Typer(name=name, cls=group, help=about, no_args_is_help=True, rich_markup_mode=None)
-        for own in commands:
+        group = recordings.TableUnlessSaid if name == "import" else None
+        below = typer.Typer(name=name, cls=group, help=OPTIONS[name], no_args_is_help=True, rich_markup_mode=None)
+        for own in _BELOW[name]:
             below.command()(with_status(f"{name} {own.__name__}", own))
         app.add_typer(below)
     else:  # an argument of chamber such as -20 is a temperature, not an option that nobody knows

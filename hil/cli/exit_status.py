@@ -23,8 +23,8 @@ from procedures.words import harmless
 
 _FROM_THE_KEYBOARD, _STOPPED = 130, "stopped from the keyboard"  # what a command line ends with that was interrupted
 _JSON = Parameter("as_json", Parameter.KEYWORD_ONLY, default=False, annotation=bool)
-_OPTIONS: Mapping[str, Mapping[str, Any]] = packaged("hil.cli", "options.yaml")
-"""What the parameters of each command, and of `every` command, mean: see there."""
+OPTIONS: Mapping[str, Any] = packaged("hil.cli", "options.yaml")
+"""What the parameters of each command, and of `every` command, mean; and what commands with others below are for."""
 
 
 class Exit(IntEnum):
@@ -69,7 +69,7 @@ def with_status(name: str, command: Callable[..., Answer | int | None]) -> Calla
 
     told = inspect.signature(command, eval_str=True)
     answers = told.return_annotation is Answer
-    meant = {**_OPTIONS["every"], **_OPTIONS.get(name, {})}
+    meant = {**OPTIONS["every"], **OPTIONS.get(name, {})}
     every = [*told.parameters.values(), *([_JSON] if answers else [])]
     ended.__signature__ = told.replace(parameters=[_meaning(each, meant[each.name]) for each in every])  # type: ignore[attr-defined]
     return ended

@@ -66,6 +66,8 @@ def look_at(folder: Path) -> tuple[dict[str, Any], Snapshot | None]:
 
 def say(folder: Path, status: dict[str, Any], now: Snapshot | None, console: Console) -> None:
     """Print once how it stands, then what to do: a chamber that is not safe before all else, and nothing twice."""
+    from hil.cli.told import lines_of  # a program that reads JSON waits for no template
+
     verdict, said = status["verdict"], list[str]()
     mark = "  SIMULATED" if status["simulated"] else ""
     working, judged = status["state"] in WORKING, f", {verdict['verdict']}" if verdict else ""
@@ -92,17 +94,8 @@ def say(folder: Path, status: dict[str, Any], now: Snapshot | None, console: Con
         alarm(verdict["verdict"], verdict["reason"], _first)
     if unit := status["in_spec"]:
         console.print(_first(f"{unit['verdict'].upper()}: {unit['reason']}"), style="bold")
-    from hil.cli.told import lines_of  # a program that reads JSON waits for no template
-
-    known: dict[str, Any] = {
-        "folder": folder,
-        "now": now,
-        "working": working,
-        "asked": _asked(status),
-        "rows": rows,
-        "cut": _cut,
-    }
-    known |= {"without": partial(_without, said), "time": datetime.fromisoformat}
+    known: dict[str, Any] = {"folder": folder, "now": now, "working": working, "asked": _asked(status), "rows": rows}
+    known |= {"cut": _cut, "without": partial(_without, said), "time": datetime.fromisoformat}
     for line in filter(None, lines_of(status, known | {"missing": first_few(in_brief(status["missing"]), _MOST_LEFT)})):
         console.print(line)
 
