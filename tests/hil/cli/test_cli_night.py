@@ -116,6 +116,7 @@ def test_a_running_night_is_said_to_have_work_to_do_and_a_stopped_one_why(
 ) -> None:
     """Nothing is missing yet while it runs; the finishing time is one that people read; a stop has its reason."""
     told: dict[str, Any] = {
+        "schema": "hil.status/1",
         "state": "running",
         "reason": "",
         "simulated": False,
