@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from collections.abc import Iterator
 from contextlib import closing, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -39,9 +40,7 @@ def watchdog(
     stop = StopRequest()
     with TemporaryDirectory(prefix="hil-watchdog-") as named_files, stop.on_signals():
         while nights and not stop.requested:
-            # A controller that ends takes its name off its lock; one at work, or dead, has it there.
-            begun = (each.parent for each in folder.glob(f"*/{LOCK_NAME}") if each.stat().st_size)
-            folder, nights = next(((each, False) for each in begun), (folder, True))
+            folder, nights = next(((each, False) for each in _begun(folder)), (folder, True))
             SystemClock().sleep(_LOOK_S)
         if nights:
             return Exit.DONE
@@ -62,6 +61,11 @@ def watchdog(
                 notifier.tell("fault", ended.message)
     _say(ended.message)
     return ended.exit_status
+
+
+def _begun(folder: Path) -> Iterator[Path]:
+    """Yield the nights in `folder` whose controller is at work, or died: one that ends takes its name off its lock."""
+    return (lock.parent for lock in folder.glob(f"*/{LOCK_NAME}") if lock.stat().st_size)
 
 
 class WatchdogBeside(Progress):
