@@ -15,7 +15,7 @@ from drivers.errors import DeviceError, WrongDevice
 from drivers.imu import SampleBlock
 from drivers.imu.samples import means
 from procedures.devices import BenchDevices
-from procedures.interlocks import Interlocks, InterlockTripped, Look
+from procedures.interlocks import Interlocks, InterlockTripped, Look, standard_interlocks
 from procedures.journal_protocol import Journal
 from procedures.plan import Step, StepKind
 from procedures.progress import Progress, Snapshot
@@ -74,8 +74,8 @@ class Watch:
         self._offset_s = (clock.utc() - self.began).total_seconds() - clock.now()
         self._drained_s = clock.now()
         self.desk = Desk(self.control, self.stop, self.event)
-        limits = self.devices.chamber.limits
-        self._suspects = Interlocks(self.interlocks, limits, lambda *said: self.event(*said, **self.evidence()))
+        rules = standard_interlocks(self.interlocks, self.devices.chamber.limits)
+        self._suspects = Interlocks(rules, lambda *said: self.event(*said, **self.evidence()))
         self.units = {
             name: UnitWatch(name, each, self.event, lambda: self.alive(_IDENTITY_S))
             for name, each in self.devices.units.items()

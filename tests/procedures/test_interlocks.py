@@ -11,7 +11,7 @@ from drivers.chambers import ChamberLimits, ChamberReading
 from drivers.frames.counts import StreamCounts
 from drivers.frames.roles import SensorRole
 from drivers.imu import SampleBlock
-from procedures.interlocks import Interlocks, InterlockTripped, Look
+from procedures.interlocks import Interlocks, InterlockTripped, Look, standard_interlocks
 from procedures.settings import InterlockSettings
 from procedures.unit_watch import Unchanged
 
@@ -31,14 +31,15 @@ GOOD = Look(
     disk_free_mb=5000.0,
 )
 SETTINGS = InterlockSettings()
-LIMITS = ChamberLimits(-45.0, 75.0)
+
+
+RULES = standard_interlocks(SETTINGS, ChamberLimits(-45.0, 75.0))
 
 
 def _make():
     told = []
-    interlocks = Interlocks(SETTINGS, LIMITS, lambda kind, message: told.append((kind, message)))
-    interlocks._air._limit = interlocks._sensors._limit = np.inf  # these are bad only beside looks before
-    return interlocks, told
+    rules = [each for each in RULES if not each.name.endswith("-rate")]  # these are bad only beside looks before
+    return Interlocks(rules, lambda kind, message: told.append((kind, message))), told
 
 
 def _air(temperature_degC, **more):
@@ -97,7 +98,9 @@ def test_looks_without_a_new_reading_say_nothing(name):
 
 def test_one_sighting_never_trips_however_late_the_next_look():
     """A grace of nothing still needs two looks."""
-    interlocks = Interlocks(replace(SETTINGS, alarm_grace_s=0.0), LIMITS, lambda _kind, _message: None)
+    interlocks = Interlocks(
+        standard_interlocks(replace(SETTINGS, alarm_grace_s=0.0), ChamberLimits(-45, 75)), lambda _kind, _message: None
+    )
     interlocks.evaluate(BAD["chamber-alarm"][0])
     with pytest.raises(InterlockTripped):
         interlocks.evaluate(BAD["chamber-alarm"][0])
@@ -122,15 +125,13 @@ def test_a_good_bench_gives_no_suspicion():
 @pytest.mark.parametrize(("degC_per_min", "trips"), [(30.0, True), (-30.0, True), (5.0, False)])
 def test_a_temperature_that_runs_away_trips_by_its_rate(name, move, degC_per_min, trips):
     """Up or down, before any limit is reached; a quick ramp does not, and one wrong reading clears again."""
-    interlocks = Interlocks(SETTINGS, LIMITS, lambda _kind, _message: None)
-
-    def problem(time_s, degC):
-        return dict(interlocks.problems(move(replace(GOOD, time_s=time_s), degC)))[name]
-
-    said = [problem(t, degC_per_min * t / 60.0) for t in np.arange(0.0, 300.0, 10.0)]
+    rule = next(each for each in standard_interlocks(SETTINGS, ChamberLimits(-45.0, 75.0)) if each.name == name)
+    said = [rule.problem(move(replace(GOOD, time_s=t), degC_per_min * t / 60.0)) for t in np.arange(0.0, 300.0, 10.0)]
     assert bool(said[-1]) is trips
     assert said[0] is None
-    glitch = [problem(1000.0 + t, 50.0 * (t == 0.0)) for t in np.arange(0.0, 300.0, 10.0)]
+    glitch = [
+        rule.problem(move(replace(GOOD, time_s=1000.0 + t), 50.0 * (t == 0.0))) for t in np.arange(0.0, 300.0, 10.0)
+    ]
     assert glitch[-1] == ""
 
 
