@@ -26,8 +26,9 @@ from hil.campaign.stand_ins import with_stand_ins
 from hil.errors import InputError
 from hil.files.processes import Map, processes
 from hil.model import Model, load_model
-from hil.reconcile.fleet import CALLED, NOISY_UNITS, Asked, Screen, SharedFinding, Stood, UnitFinding, beside_the_earth
+from hil.reconcile.fleet import CALLED, NOISY_UNITS, Asked, Screen, SharedFinding, UnitFinding
 from hil.reconcile.proof.places import false_discovery
+from hil.reconcile.stood import Stood, beside_the_earth
 from hil.records.folders import PIECE, in_turn, pieces_in, some_at_once
 from hil.solve.omissions import by_records
 from hil.solve.wrong_rows import MENDED, Wrong, failed, laid_right, pooled

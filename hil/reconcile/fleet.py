@@ -18,8 +18,7 @@ from functools import cached_property
 
 import numpy as np
 
-from hil.campaign import Campaign, Conditions, FloatArray, IntArray
-from hil.campaign.stand_ins import WIDEST_DEGC
+from hil.campaign import Campaign, FloatArray
 from hil.errors import InputError
 from hil.model import Model, fitting_campaign
 from hil.model.effects.catalogue import BASE_EFFECTS, EFFECTS, VARIANCE_EFFECTS
@@ -30,7 +29,7 @@ from hil.reconcile.search.layout import may_be_calibrated, searches
 from hil.reconcile.search.lookalikes import names_alike
 from hil.reconcile.search.problem import pose
 from hil.reconcile.search.sets import LEADING, SensorSearch
-from hil.solve.temperatures import ELSEWHERE_DEGC, same_temperature
+from hil.reconcile.stood import Stood, beside_the_earth
 
 NOISY_UNITS = 40  # evenly over the fleet, say what noise is: one alone knows its own too badly to judge others by
 ASKED_UNITS = 8  # so many of these say whether the base's values follow temperature
@@ -39,7 +38,6 @@ FEW = 4  # points of the noise at which every unit of `NOISY_UNITS` and more is 
 ASKED_AGAIN = 0.5  # log odds from which a unit is weighed again at all of them: a discovery takes three and more
 CALLED = 2.5  # log odds from which the unit's own noise is asked, of every discovery: q < .05 takes odds of 19
 TOGETHER = 16  # units that are weighed at once: their numbers then stay in the processor's cache
-SAME_G = 0.05  # units whose accelerations differ by more stood in other positions
 
 
 @dataclass(frozen=True)
@@ -117,17 +115,29 @@ class Asked:
         alone = float(log_sum((mixed[:, -1] + self.log_odds).reshape(-1, 1))[0]) - np.log(units)
         share = np.exp(posterior - statistic)
         p_value, of_names = float(_ville(np.array([statistic - max(alone, 0.0)]))[0]), share.sum(axis=0)
-        name, whole, rivals = self._likely(of_names)
-        of = share[:, self.names.index(name)] / whole
+        leader = int(np.argmax(of_names))
+        of = share[:, leader] / of_names[leader]
         fraction, likely = FRACTIONS[int(np.argmax(of))], np.flatnonzero((of > 1.0 - CERTAIN) | (of == of.max()))
+        name, whole, rivals = self._likely(self._as_of_one(of_names, leader, max(fraction * units, 1.0)))
         return SharedFinding(name, whole, p_value, fraction, FRACTIONS[likely[0]], self.follows, rivals)
+
+    def _as_of_one(self, share: FloatArray, leader: int, units: float) -> FloatArray:
+        """Return shares (n,) of which those of names that look like the leader differ as in one of so many units.
+
+        What parts them is how usual each is at its size: of many units that is known no better than of one.
+        """
+        same = [k for k, name in enumerate(self.names) if k == leader or name in self.alike.get(self.names[leader], ())]
+        odds, out = self.log_odds[same], share.copy()
+        log = odds + (np.log(np.maximum(share[same], 1e-300)) - odds) / units
+        out[same] = share[same].sum() * np.exp(log - log_sum(log[:, None])[0])
+        return out
 
 
 @dataclass(frozen=True)
 class Screen:
     """One layout: how units stood and, by sensor, the search with points of the noise, at `few` of which all begin."""
 
-    stood: "Stood"
+    stood: Stood
     found: Mapping[int, SensorSearch]
     few: int | None = FEW
 
@@ -260,41 +270,3 @@ class Screen:
 def _ville(log_odds: FloatArray) -> FloatArray:
     """Of units without an effect at most this share reaches such odds (Ville's inequality)."""
     return np.asarray(1.0 / (1.0 + np.exp(np.clip(log_odds, -50.0, 700.0))))
-
-
-def beside_the_earth(campaign: Campaign) -> dict[int, FloatArray]:
-    """Return the rates of each sensor less the earth's, (n, c) deg/hr: what of a unit is no part of the layout."""
-    return {n: of.rates_deg_per_hr - of.conditions.w_channels_deg_per_hr for n, of in campaign.sensors.items()}
-
-
-class Stood:
-    """How the sensors of a campaign stood, by their number: in which positions and runs, at which temperatures."""
-
-    def __init__(self, conditions: Mapping[int, Conditions]) -> None:
-        self._known = {
-            n: (rows, _in_order(rows), same_temperature(rows) if "temperature_degC" in rows.columns else None)
-            for n, rows in conditions.items()
-        }
-
-    def like(self, campaign: Campaign) -> bool:
-        """Whether every sensor stood so in another campaign."""
-        others = campaign.sensors
-        return all(n in others and _alike(others[n].conditions, *known) for n, known in self._known.items())
-
-
-def _alike(other: Conditions, known: Conditions, order: IntArray, levels: IntArray | None) -> bool:
-    if len(known) != len(other) or known.sensor.channels != other.sensor.channels:
-        return False
-    if (levels is None) != ("temperature_degC" not in other.columns):
-        return False
-    if np.any(order != _in_order(other)) or np.any(np.abs(known.f_g - other.f_g) >= SAME_G):
-        return False
-    if levels is None:
-        return True
-    apart = other.columns["temperature_degC"] - known.columns["temperature_degC"]
-    near = bool(np.all(np.abs(apart[levels >= 0]) <= WIDEST_DEGC))
-    return near and all(abs(np.mean(apart[levels == k])) <= ELSEWHERE_DEGC for k in set(levels[levels >= 0].tolist()))
-
-
-def _in_order(conditions: Conditions) -> IntArray:
-    return np.unique(conditions.run, return_inverse=True)[1]

@@ -78,6 +78,9 @@ def in_words(wrong: Mapping[str, Any], *, searched: bool = False) -> list[str]:
     for each in wrong.get("rows", ()):
         why = each["why"].removeprefix(f"sensor {each['sensor']}: ")
         runs_by_words.setdefault((each["done"], each["sensor"], why), []).append(each["run"])
+    soaks: dict[tuple[str, str], list[int]] = {}  # of what every sensor's thermometer shows once
+    for each in wrong.get("runs_not_settled", ()):
+        soaks.setdefault((numbered("run", each["runs"]), each["why"]), []).append(each["sensor"])
     rows = [
         f"{done}: sensor {number}, {of_runs(runs, why)}{more * (done == USED)}"
         for (done, number, why), runs in runs_by_words.items()
@@ -91,10 +94,7 @@ def in_words(wrong: Mapping[str, Any], *, searched: bool = False) -> list[str]:
             for key, said in _OF_RUNS.items()
             for number, runs in wrong.get(key, {}).items()
         ]
-        + [
-            f"sensor {each['sensor']}, {numbered('run', each['runs'])}: {each['why']}"
-            for each in wrong.get("runs_not_settled", ())
-        ]
+        + [f"{numbered('sensor', sensors)}, {runs}: {why}" for (runs, why), sensors in soaks.items()]
         + [
             f"sensor {number}: among so few runs a collect that is off by less than {significant(size)} deg/hr may not "
             "be seen here, nor another bias of a whole run; hil reconcile looks closer"

@@ -74,14 +74,15 @@ def fleet_sentences(found: Screened) -> Iterator[str]:
         f"{len(worth) or 'none'} of {_counted(found.units)} deserve{'s' * (len(worth) < 2)} a full hil reconcile"
         f"{called * bool(worth)}{few}"
     )
+    which = ", which of them is not certain"
     for led, own in _by_names(worth):
-        yield f"{' or '.join(led)} leads in {_counted(own)}{', which of them is not certain' * (len(led) > 1)}"
+        yield f"{' or '.join(led)} leads in {_counted(own)}{which * (len(led) > 1)}"
     for number, each in shared:
         own = [unit for unit in found.units if unit.layout == number]
         names = [f"{name} ({percent(share)})" for name, share in ((each.name, each.share), *each.rivals)]
-        few = f"{each.few:.0%} to " * (each.few < each.fraction)
+        few, unsure = f"{each.few:.0%} to " * (each.few < each.fraction), which * (len(names) > 1)
         yield (
-            f"layout {number}: its {_counted(own)} together seem to lack {' or '.join(names)}, p = {each.p_value:.1g}, "
+            f"layout {number}: its {_counted(own)} together seem to lack {' or '.join(names)}{unsure}, p = {each.p_value:.1g}, "
             f"most probably {few}{each.fraction:.0%} of them"
         )
     if bad := [f"{each.folder} ({numbered('run', runs)})" for each in found.units if (runs := each.runs_in_use)]:

@@ -332,7 +332,10 @@ def test_what_a_fleet_cannot_tell_from_its_shared_name_is_said_beside_it() -> No
     finding = UnitFinding(0.0, 0.5, 0.5, "hyst", 0.5)
     units = [ScreenedUnit(name, "", name, "", False, (), {}, layout=1, finding=finding) for name in "abc"]
     told = Screened("matrix-6", units, [(1, shared)], {}, ())
-    assert any("seem to lack hyst (53 %) or bias_T (47 %), p = " in line for line in fleet_sentences(told))
+    assert any(
+        "seem to lack hyst (53 %) or bias_T (47 %), which of them is not certain, p = " in line
+        for line in fleet_sentences(told)
+    )
     assert [each["id"] for each in fleet_document(told)["shared"][0]["rivals"]] == ["bias_T"]
 
 

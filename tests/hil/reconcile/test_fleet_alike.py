@@ -8,7 +8,7 @@ import pytest
 from hil.campaign import Campaign
 from hil.model import load_model
 from hil.model.effects.catalogue import BASE_EFFECTS, EFFECTS, VARIANCE_EFFECTS
-from hil.reconcile.fleet import Screen
+from hil.reconcile.fleet import Asked, Screen
 from hil.reconcile.search.layout import searches
 from hil.reconcile.search.lookalikes import names_alike
 from hil.reconcile.search.problem import pose
@@ -54,3 +54,15 @@ def test_only_what_is_alike_in_every_block_is_alike() -> None:
     assert "drift" in alike["k2"]
     assert "supply" not in {name for others in alike.values() for name in others} | {*alike}
     assert not any(name in others for name, others in alike.items())
+
+
+@pytest.mark.parametrize("units", [1, 5, 40])
+def test_many_units_tell_what_looks_alike_apart_no_better_than_one(units: int) -> None:
+    """How usual each is at its size parts them, which is counted once; what looks otherwise is parted by every unit."""
+    asked = Asked(["drift", "k2", "supply"], np.log([0.1, 0.2, 0.1]), follows=False, alike={"drift": ["k2"]})
+    by_name = np.tile(np.array([[30.0], [30.0 - np.log(4.0)], [29.5]]), units)
+    shared = asked.in_common(np.stack([asked.mixed(by_name)]), units)
+    assert (shared.name, shared.fraction) == ("drift", 1.0)
+    rivals = dict(shared.rivals)
+    assert rivals["k2"] / shared.share == pytest.approx(0.2 / 0.1 / 4.0, rel=0.02)
+    assert ("supply" in rivals) == (units == 1)
