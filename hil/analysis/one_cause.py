@@ -1,24 +1,26 @@
 """What one cause, or two, make of the differences between two campaigns: a shift, another gain, another temperature.
 
-    looks_like(2, differ, earlier, repeats(earlier, solved)[2])    # "one cause: RA is 1.052 ±0.006 times …"
+    looks_like(2, differ, earlier, repeats(earlier, solved)[2], 3.5)    # "one cause: RA is 1.052 ±0.006 times …"
 
 A cause moves many values together, each as far as it acts there: as solved from the earlier campaign's own rates with a
-hundredth more in one channel, or as its means follow temperature. Its size is fitted to all differences by their ±, and
-it is told where it leaves nothing beyond chance, and beside one such value alone where it explains more than that.
-Where no value alone is beyond chance, a cause of all is told that is so as one of them would have to be.
+hundredth more in one channel, or as its means follow temperature. Its size is fitted to all differences by their ±. It
+is told where it leaves what chance leaves, and explains more than values that are others one by one: each of these, and
+each cause, has to explain what is beyond chance of all that were compared.
 """
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import chain, combinations
 from typing import Self
 
 import numpy as np
+from scipy.special import chdtrc
 
 from hil.campaign import BoolArray, Campaign, FloatArray
 from hil.files.numbers import decimals_for
 from hil.solve import repeats, solve_campaign
 from hil.solve.repeats import SensorRepeats
+from hil.solve.uncertain import RARE
 from procedures.words import listed, spelled
 
 _MOST = 2  # causes that are told beside each other
@@ -60,9 +62,9 @@ class Differ:
         return replace(self, values=self.values - templates @ sizes), sizes, np.sqrt(np.diag(covariance))
 
     @property
-    def square(self) -> float:
-        """The sum of their squares, in their ±."""
-        return float(np.sum((self.values / self.sd) ** 2))
+    def squares(self) -> FloatArray:
+        """Their squares in their ±, (m,)."""
+        return np.asarray((self.values / self.sd) ** 2)
 
 
 @dataclass(frozen=True)
@@ -81,29 +83,30 @@ class _Cause:
 
 
 def looks_like(number: int, differ: Differ, earlier: Campaign, shown: SensorRepeats, sigmas: float) -> tuple[str, bool]:
-    """Say of a sensor which cause makes all of its differences, or which two do; empty where more must.
+    """Say of a sensor which cause makes all of its differences, or which two do; empty where none, or more must.
 
-    `shown` is what repeats show of it in the `earlier` campaign. Of causes that cannot be told apart all are said.
-    Where no value is beyond the `sigmas` that it has to be, a cause is. And whether, whichever it is, a channel has
+    `shown` is what repeats show of it in the `earlier` campaign; `sigmas` is what one of all that were compared is
+    beyond chance by. Of causes that cannot be told apart all are said. And whether, by any of them, a channel has
     another gain than a unit's that aged.
     """
-    every, beyond = [*_causes(number, differ, earlier, shown)], differ.beyond
-    # One value that is another by itself explains itself, and nothing of all others.
-    alone = differ.square - float(np.sum((differ.values / differ.sd)[beyond] ** 2))
-    most, sure = alone - _AS_LIKELY if beyond.sum() == 1 else np.inf, _SURE if beyond.any() else sigmas
-    for count in range(1, min(_MOST, max(int(beyond.sum()) - 1, 1)) + 1):
-        found = []
-        for some in combinations(every, count):
-            left, sizes, sds = differ.less(np.stack([each.template for each in some], axis=1))
-            if not np.any(left.beyond) and left.square < most and np.all(np.abs(sizes) > sure * sds):
-                scaled = any(each.gain and abs(size) > _GAIN for each, size in zip(some, sizes.tolist(), strict=True))
-                words = listed(map(_Cause.in_words, some, sizes.tolist(), sds.tolist()))
-                found.append((left.square, words, scaled))
-        if found:
-            likely = [each for each in sorted(found) if each[0] < min(found)[0] + _AS_LIKELY]
-            told = f"{spelled(count)} cause{'s' * (count > 1)}: {', or '.join(words for _, words, _ in likely)}"
-            return told, all(scaled for *_, scaled in likely)
-    return "", False
+    every, found = [*_causes(number, differ, earlier, shown)], []
+    for some in chain.from_iterable(combinations(every, count) for count in range(1, _MOST + 1)):
+        left, sizes, sds = differ.less(np.stack([each.template for each in some], axis=1))
+        rest = float(left.squares.sum())
+        if not np.any(left.beyond) and chdtrc(len(left.values), rest) > RARE and np.all(np.abs(sizes) > _SURE * sds):
+            scaled = any(each.gain and abs(size) > _GAIN for each, size in zip(some, sizes.tolist(), strict=True))
+            words = listed(map(_Cause.in_words, some, sizes.tolist(), sds.tolist()))
+            found.append((rest + len(some) * sigmas**2, len(some), words, scaled))
+    value_by_value = float(np.minimum(differ.squares, sigmas**2).sum())
+    best = min(found, default=(np.inf,))[0]
+    if best >= value_by_value:
+        return "", False
+    by_count: dict[int, list[str]] = {}
+    likely = [each for each in sorted(found) if each[0] < min(best + _AS_LIKELY, value_by_value)]
+    for _, count, words, _ in likely:
+        by_count.setdefault(count, []).append(words)
+    told = (f"{spelled(count)} cause{'s' * (count > 1)}: {', or '.join(of)}" for count, of in by_count.items())
+    return ", or ".join(told), any(scaled for *_, scaled in likely)
 
 
 def _causes(number: int, differ: Differ, earlier: Campaign, shown: SensorRepeats) -> Iterator[_Cause]:
@@ -112,14 +115,18 @@ def _causes(number: int, differ: Differ, earlier: Campaign, shown: SensorRepeats
     for name in dict.fromkeys(names.tolist()):
         if np.count_nonzero(names == name) > 1:
             yield _Cause(f"{name} differs by {{}} at every temperature alike", f" {units[name]}", 1.0 * (names == name))
-    rows = earlier.sensors[number]
+    rows, scales = earlier.sensors[number], dict[str, FloatArray]()
     for place, channel in enumerate(rows.conditions.sensor.channels):
         scaled = rows.rates_deg_per_hr.copy()
         scaled[:, place] *= 1.0 + _STEP
         other = replace(earlier, sensors={number: replace(rows, rates_deg_per_hr=scaled)})
         moved = (_means(repeats(other, solve_campaign(other))[number], differ) - _means(shown, differ)) / _STEP
         if np.isfinite(moved).all() and np.any(moved):
-            yield _Cause(f"{channel} is {{}} times what it was", "", moved, gain=True)
+            scales[channel] = moved
+    if len(scales) > 1:
+        scales[f"each of {listed(scales)}"] = np.sum([*scales.values()], axis=0)
+    for channels, moved in scales.items():
+        yield _Cause(f"{channels} is {{}} times what it was", "", moved, gain=True)
     slope = _slopes(shown, differ)
     if np.isfinite(slope).all() and np.any(slope):
         yield _Cause("at every temperature the unit looks warmer by {}", " °C", slope)

@@ -82,8 +82,8 @@ def fleet_sentences(found: Screened) -> Iterator[str]:
         names = [f"{name} ({percent(share)})" for name, share in ((each.name, each.share), *each.rivals)]
         few, unsure = f"{each.few:.0%} to " * (each.few < each.fraction), which * (len(names) > 1)
         yield (
-            f"layout {number}: its {_counted(own)} together seem to lack {' or '.join(names)}{unsure}, p = {each.p_value:.1g}, "
-            f"most probably {few}{each.fraction:.0%} of them"
+            f"layout {number}: its {_counted(own)} together seem to lack {' or '.join(names)}{unsure}, "
+            f"p = {each.p_value:.1g}, most probably {few}{each.fraction:.0%} of them"
         )
     if bad := [f"{each.folder} ({numbered('run', runs)})" for each in found.units if (runs := each.runs_in_use)]:
         yield f"FAIL by what was recorded, and screened all the same: {listed(bad)}; hil solve says why"
