@@ -32,6 +32,7 @@ from hil.reconcile.rivals import CERTAIN, Rival
 
 _BEYOND = 3.0  # errors from which on what neighbours leave unexplained is not chance
 _USUAL = 0.5  # of the mean is what half of the collects show at least: .9 of flicker
+_LIKELIER = 4.0  # twice the log of how much likelier a walk makes what blocks far apart differ by: seven times
 _FINE = 5  # points by which a block is averaged
 _LEAST_P = 1e-300
 _ERROR = "se_deg_per_hr"
@@ -191,12 +192,13 @@ def wandering(campaign: Campaign, number: int) -> Wander | None:
     """Return what the series of a sensor show beyond chance, over all its collects and channels.
 
     Half the variance of neighbouring blocks' differences is that of the white noise, and so is the variance about a
-    straight line; each has as much of flicker on top as the covariance of that says.
+    straight line; each has as much of flicker on top as the covariance of that says. So has what blocks far apart
+    differ by: where that is a random walk's, and not flicker's, it is none.
     """
     rows = campaign.sensors[number].conditions
     parts = BiasInstability().scatter(rows, {})
     sizes = np.array([part.columns[0, 0, 0] ** 2 for part in parts])
-    seen = np.full((5, len(rows), len(rows.sensor.channels)), np.nan)
+    seen = np.full((10, len(rows), len(rows.sensor.channels)), np.nan)
     for row, collect in enumerate(rows.collect.tolist()):
         if (series := campaign.series(collect)) is None:
             continue
@@ -204,18 +206,27 @@ def wandering(campaign: Campaign, number: int) -> Wander | None:
             times, rates = blocked(series, channel)
             if len(rates) >= FEWEST:
                 x, block_s = times - times.mean(), round(float(np.median(np.diff(times))), 3)
-                left = rates - rates.mean() - x * (x @ rates / (x @ x))
-                moments = float(np.mean(np.diff(rates) ** 2)) / 2.0, float(left @ left) / (len(rates) - 2)
+                left, far = rates - rates.mean() - x * (x @ rates / (x @ x)), len(rates) // 3
+                half = [float(np.mean((rates[k:] - rates[:-k]) ** 2)) / 2.0 for k in (1, far)]
                 of_flicker = sizes @ [_moments(float(part.tau_s or 0.0), len(rates), block_s) for part in parts]
-                seen[:, row, channel] = *moments, *of_flicker, block_s / 3600.0
+                of_walk = _moments(np.inf, len(rates), block_s)
+                moments = half[0], float(left @ left) / (len(rates) - 2), half[1]
+                seen[:, row, channel] = *moments, *of_flicker, *of_walk, block_s / 3600.0
     known = seen[:, np.isfinite(seen[0])]
     if known.shape[1] < FEWEST_BESIDE:
         return None
-    more, unit = known[1] - known[0], float(np.mean(known[3] - known[2]))
+    more, unit = known[1] - known[0], float(np.mean(known[4] - known[3]))
     square, error = float(more.mean()) / unit, float(more.std()) / len(more) ** 0.5 / unit
-    white = np.sqrt(np.maximum(seen[0] - seen[2] * square, 0.0) * seen[4])
+    white = np.sqrt(np.maximum(seen[0] - seen[3] * square, 0.0) * seen[9])
     often = np.median(more) > _USUAL * more.mean()  # what a few collects show is no noise of all
     if not often or square <= _BEYOND * error or np.nanmedian(white) <= 0.0:
+        return None
+    as_flicker, as_walk = (
+        float(left.mean()) ** 2 * len(left) / float(left.var())
+        for near, line, far in (known[3:6], known[6:9])
+        for left in [known[2] - known[0] - more * np.mean(far - near) / np.mean(line - near)]
+    )
+    if as_flicker - as_walk > _LIKELIER:
         return None
     hours, runs = middle_hr(rows), [rows.run == run for run in np.unique(rows.run)]
     middles = np.array([hours[run].mean() for run in runs])
@@ -227,12 +238,17 @@ def wandering(campaign: Campaign, number: int) -> Wander | None:
 
 
 @cache
-def _moments(tau_s: float, count: int, block_s: float) -> tuple[float, float]:
-    """Return what a wander of unit size adds to half the variance of blocks' steps, and to that about a line."""
+def _moments(tau_s: float, count: int, block_s: float) -> tuple[float, float, float]:
+    """Return what a wander of unit size adds to half the variance of blocks' steps, to that about a line, and of far.
+
+    Those are blocks a third of all apart; what forgets nothing is a walk.
+    """
     fine = (np.arange(count * _FINE) + 0.5) * block_s / _FINE / 3600.0
-    wanders = Scatter(np.ones((1, 1, 1)), tau_s=tau_s)
+    wanders = Scatter(np.ones((1, 1, 1)), tau_s=tau_s, walk=bool(np.isinf(tau_s)))
     alike = wanders.between(wanders, fine, fine)
     blocks = alike.reshape(count, _FINE, count, _FINE).mean(axis=(1, 3))
     line, _ = np.linalg.qr(np.stack([np.ones(count), np.arange(count) - 0.5 * (count - 1)], axis=1))
     left = float(np.trace(blocks) - np.trace(line.T @ blocks @ line)) / (count - 2)
-    return float(blocks.diagonal().mean() - blocks.diagonal(1).mean()), left
+    own = blocks.diagonal()
+    near, far = (0.5 * float(np.mean(own[k:] + own[:-k] - 2.0 * blocks.diagonal(k))) for k in (1, count // 3))
+    return near, left, far

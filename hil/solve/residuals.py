@@ -295,7 +295,9 @@ def what_lacks(collects: Collects, every: Collects, unobservable: Sequence[str])
     measured = listed(f"{listed(of)} in {where}" for where, of in channels.items())
     few = f"measured are {measured}: these cannot support every parameter"
     if silent := names[all_rates.any(axis=0) & ~here].tolist():
-        return f"{plural('channel', len(silent))} {listed(silent)}, which other runs have, gave no rate here; {few}"
+        has = "has" if len(silent) == 1 else "have"
+        which = f"{plural('channel', len(silent))} {listed(silent)}, which other runs have"
+        return f"{which}, {has} no rate here that is used; {few}"
     told, told_elsewhere = position[rates[:, here].all(axis=1)], all_positions[all_rates[:, here].all(axis=1)]
     if lacks := np.setdiff1d(told_elsewhere, told).tolist():
         gone = "is missing or left out: collect it" if len(lacks) == 1 else "are missing or left out: collect them"

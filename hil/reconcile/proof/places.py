@@ -45,7 +45,8 @@ def places(fit: Fitted, terms: Sequence[set[tuple[int, int]]], p_value: float, a
         for place, block in enumerate(own):
             design = np.sum([part[place] for part in parts], axis=0)
             values = design @ fit.values
-            for where, rows in _cells(block.search.block, known, values, np.abs(values) >= least):
+            material = (np.abs(values) >= least) & _told(block, values)
+            for where, rows in _cells(block.search.block, known, values, material):
                 mean = design[rows].mean(axis=0)
                 error = float(np.sqrt(max(mean @ fit.covariance @ mean, 0.0)))
                 out.append(Disagreement(where, float(values[rows].mean()), error, 1.0))
@@ -65,6 +66,20 @@ def _described(members: set[tuple[int, int]], fit: Fitted, own: Sequence[FittedB
         beside.append(design - base @ absorbed)
     determined = _least_left(np.vstack(white), np.vstack(rest_white)) > _DETERMINED
     return itself if determined else beside
+
+
+def _told(block: FittedBlock, values: FloatArray) -> BoolArray:
+    """Return the rows (N,) of temperatures at which what an effect does, (N,), is not all of the base's values there.
+
+    That is where these were calibrated at each: at one that was only seen with the effect nothing disagrees.
+    """
+    rows = block.search.block
+    if not block.search.noise.calibrated:
+        return np.ones(len(values), dtype=bool)
+    own = rows.at_each_temperature(rows.values)
+    left = np.abs(values - own @ np.linalg.lstsq(own, values, rcond=1e-8)[0])
+    most = np.array([left[rows.station == k].max() for k in rows.station.tolist()])
+    return np.asarray(most >= _MATERIAL * left.max())
 
 
 def _least_left(columns: FloatArray, rest: FloatArray) -> float:

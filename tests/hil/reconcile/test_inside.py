@@ -16,8 +16,9 @@ from benchmarks.blind.jobs import EIGHT
 from hil.campaign import Campaign, Series
 from hil.campaign.reader import read_campaign
 from hil.model import Model, load_model, save_model
+from hil.model.effects.base import VarianceEffect
 from hil.model.effects.catalogue import SERIES_EFFECTS
-from hil.model.effects.noise import BiasInstability
+from hil.model.effects.noise import BiasInstability, RateRandomWalk
 from hil.model.effects.scatter import drawn
 from hil.model.effects.series import SettlingInCollect
 from hil.model.stated_noise import SensorNoise
@@ -76,15 +77,17 @@ def with_further(plain: Campaign, every: Sequence[Series | None], further: np.nd
     return replace(plain, recorded={n: partial(replace, each) for n, each in zip(plain.recorded, more, strict=True)})
 
 
-def wandering_as_flicker(plain: Campaign, size: float, seed: int) -> Campaign:
-    """A campaign with flicker in its series and averages, in deg/hr, whose standard errors allow for it."""
+def wandering_as_flicker(
+    plain: Campaign, size: float, seed: int, what: type[VarianceEffect] = BiasInstability
+) -> Campaign:
+    """A campaign with flicker in its series and averages, in deg/hr, whose standard errors allow for it; or a walk."""
     rows = plain.sensors[2]
     every = [plain.series(collect) for collect in rows.conditions.collect.tolist()]
     t_s = np.concatenate([begins + each.t_s for begins, each in zip(rows.conditions.start_s, every, strict=True)])
     fine = rows.conditions.rows(np.repeat(np.arange(len(every)), len(every[0].t_s)))
     fine = replace(fine, start_s=t_s, duration_s=np.full(len(t_s), 0.2))
     rng = np.random.default_rng(seed)
-    more = size * drawn([BiasInstability().scatter(fine, {})], [fine], rng)[0]
+    more = size * drawn([what().scatter(fine, {})], [fine], rng)[0]
     more = more.reshape(len(every), -1, 2)
     rates, errors = rows.rates_deg_per_hr + more.mean(axis=1), 3.0 * rows.rates_se_deg_per_hr
     sensors = {2: replace(rows, rates_deg_per_hr=rates, rates_se_deg_per_hr=errors)}
@@ -111,6 +114,14 @@ def test_noise_that_wanders_where_no_run_was_repeated_leaves_open_what_runs_scat
     assert None in [each["run_offset_deg_per_hr"] for each in alone.noise]
     (told,) = [note for note in alone.notes if "show flicker" in note]
     assert told.removesuffix(", which model.yaml states") in what_scatters(of_three).sentences()
+
+
+def test_a_series_that_walks_shows_no_flicker(tmp_path: Path) -> None:
+    """It was a bias instability of seven errors, beside an Allan deviation that knows a walk by its slope."""
+    plain = campaign_with("", tmp_path)
+    told = [wandering(wandering_as_flicker(plain, 300.0, seed, RateRandomWalk), 2) for seed in range(8)]
+    assert told == [None] * 8
+    assert all(wandering(wandering_as_flicker(plain, 30.0, seed), 2) is not None for seed in range(4))
 
 
 @pytest.mark.slow

@@ -15,6 +15,7 @@ from hil.reconcile.outcome.page import page, place_in_words
 from hil.reconcile.proof.places import _sure, false_discovery
 from hil.reconcile.result import Disagreement
 from tests.hil.reconcile.hidden_effects import Rows, base_rates, both, campaign_of, lay_out, noise
+from tests.hil.reconcile.test_choices import turning
 
 
 def with_hidden(hidden: Callable[[Rows], np.ndarray], seed: int = 5) -> tuple[Campaign, Rows]:
@@ -197,3 +198,18 @@ def test_of_what_is_everywhere_a_little_the_surest_place_stands() -> None:
     assert _sure([vague, surer], 1e-3, 0.05)[0].q_value > 0.05
     assert [each.where for each in _sure([vague, surer, sure], 1e-3, 0.05)] == [sure.where]
     assert _sure([], 1e-3, 0.05) == []
+
+
+@pytest.mark.slow
+def test_at_a_temperature_that_was_only_seen_with_an_effect_nothing_disagrees() -> None:
+    """A jump between the runs of one temperature: those of warmer ones agree with each other, as calibrated there."""
+    campaign = turning(3, 3)
+    own = campaign.sensors[2]
+    run = own.conditions.run
+    more = np.where(run[:, None] > 10, [25.0, -18.0], 0.0)
+    moved = replace(campaign, sensors={2: replace(own, rates_deg_per_hr=own.rates_deg_per_hr + more)})
+    result = reconcile(moved, "matrix-6", prove=False)
+    assert result.calibration == "per temperature"
+    assert {"jump"} == {effect.id for effect in result.effects if effect.parameters}
+    places = [runs for each in result.disagreements for runs in each.where.get("runs", run)]
+    assert set(places) <= {10, 11, 12}

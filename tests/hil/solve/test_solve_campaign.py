@@ -155,7 +155,9 @@ def test_a_channel_that_a_run_lacks_is_no_position_to_collect_again(tmp_path: Pa
     rates[one.sensors[2].conditions.run == 2, 1] = np.nan
     lost = replace(one, sensors={2: replace(one.sensors[2], rates_deg_per_hr=rates)})
     reason = solve_campaign(lost)[1].reason
-    assert "channel RB, which other runs have, gave no rate here; measured are RA in four collects" in reason
+    assert (
+        "channel RB, which other runs have, has no rate here that is used; measured are RA in four collects" in reason
+    )
     assert "position" not in reason.partition(";")[0]
 
 
