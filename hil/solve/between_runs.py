@@ -148,19 +148,20 @@ def between_runs(
     differ, sd = there.more_than(of_one), spread.sd(errors)
     drivers = [*_drivers(number, visit, conditions)]
     follow, jumps, apart = dict[str, tuple[str, ...]](), dict[str, Jump](), dict[str, tuple[int, ...]]()
-    for p, (name, unit) in enumerate(units.items()):
-        here = np.flatnonzero(np.isfinite(values[:, p]))
-        if spread.certain[p] and np.all(sd[here, p] > 0.0):
-            compared = visit[here] if differ[p] else here
-            own = _Compared.of(values[here, p], sd[here, p], group[here], compared)
-            columns, step = own.explained([(of, x[here]) for of, x in drivers])
-            if columns and not (WAY in columns and differ[p]):  # what visits differ by is said of those
-                follow[name] = columns
-            if step is not None:
-                first, last = (number[here[own.whose == k]] for k in (step.first, step.last))
-                jumps[name] = Jump(step.size, step.sd, unit, int(first[-1]), int(last[0]), step.alone)
-                if told_by(conditions) is not None:
-                    apart[name] = tuple(number[here[step.runs]].tolist())
+    for places in (None, jumps):  # where one value jumps another does, by less than would be seen elsewhere
+        for p, (name, unit) in enumerate(units.items()):
+            here = np.flatnonzero(np.isfinite(values[:, p]))
+            if name not in {*follow, *jumps} and spread.certain[p] and np.all(sd[here, p] > 0.0):
+                compared = visit[here] if differ[p] else here
+                own = _Compared.of(values[here, p], sd[here, p], group[here], compared, number[here])
+                known = None if places is None else [(j.before, j.after) for j in places.values()]
+                columns, step = own.explained([(of, x[here]) for of, x in drivers], known)
+                if columns and not (WAY in columns and differ[p]):  # what visits differ by is said of those
+                    follow[name] = columns
+                if step is not None:
+                    jumps[name] = Jump(step.size, step.sd, unit, step.before, step.after, step.alone)
+                    if told_by(conditions) is not None:
+                        apart[name] = tuple(number[here[step.runs]].tolist())
     of_visits = [name for name, more in zip(units, differ, strict=True) if more]
     return BetweenRuns(follow, jumps, apart, of_visits, _agrees(number, values, errors, conditions))
 
@@ -215,36 +216,42 @@ def _drivers(number: IntArray, visit: IntArray, conditions: Conditions) -> Itera
 
 @dataclass(frozen=True)
 class _Step:
-    """A jump by `size`, one standard deviation `sd`, between two values, the `first` and the `last`.
+    """A jump by `size`, one standard deviation `sd`, between a run `before` and one `after`.
 
-    `runs` (r,) are those that others contradict; `alone`: one value alone may be another, as it is where it is both.
+    `runs` (r,) are those that others contradict; `alone`: one run alone may be another, as it is where it is both.
     """
 
     size: float
     sd: float
-    first: int
-    last: int
+    before: int
+    after: int
     runs: BoolArray
     alone: bool
 
 
 @dataclass(frozen=True)
 class _Compared:
-    """Values (m,) in the order of time, of runs or means of visits, each in one `group`; `whose` (r,) a run's is."""
+    """Values (m,) in the order of time, of runs or means of visits, each in one `group`; `whose` (r,) a run's is.
+
+    With each its first run and its last, by their `number` (m, 2).
+    """
 
     values: FloatArray
     weight: FloatArray
     group: IntArray
     whose: IntArray
     share: FloatArray
+    number: IntArray
 
     @classmethod
-    def of(cls, values: FloatArray, sd: FloatArray, group: IntArray, compared: IntArray) -> Self:
+    def of(cls, values: FloatArray, sd: FloatArray, group: IntArray, compared: IntArray, number: IntArray) -> Self:
         """Take together what is to be compared together; runs are in the order of time."""
         _, first, whose = np.unique(compared, return_index=True, return_inverse=True)
         weight = _sums(whose, sd**-2.0)
         share = sd**-2.0 / weight[whose]
-        return cls(_sums(whose, share * values), weight, group[first], whose, share)
+        last = len(whose) - 1 - np.unique(compared[::-1], return_index=True)[1]
+        ends = np.stack([number[first], number[last]], axis=1)
+        return cls(_sums(whose, share * values), weight, group[first], whose, share, ends)
 
     def beside(self, columns: FloatArray) -> FloatArray:
         """Return columns (m, q) less their mean at each temperature, weighed."""
@@ -253,26 +260,35 @@ class _Compared:
         means = np.stack([_sums(place, self.weight * column) / whole for column in columns.T], axis=1)
         return np.asarray((columns - means[place]) * np.sqrt(self.weight)[:, None])
 
-    def explained(self, drivers: Sequence[tuple[str, FloatArray]]) -> tuple[tuple[str, ...], _Step | None]:
+    def explained(
+        self, drivers: Sequence[tuple[str, FloatArray]], places: Sequence[tuple[int, int]] | None
+    ) -> tuple[tuple[str, ...], _Step | None]:
         """Return the columns (r, q) that explain best what values differ by at one temperature; or the jump that does.
 
-        Neither where what explains it may be chance, or is history.
+        Neither where what explains it may be chance, or is history. If `places`, runs before and after, are given, only
+        a jump there is asked about.
         """
         seen = self.beside(self.values[:, None])[:, 0]
         whole, freedom = float(seen @ seen), len(seen) - len(np.unique(self.group))
         if freedom <= _JUMP or whole <= 0.0:
             return (), None
         product, norm, first, last = self._jumps(seen)
-        there = np.flatnonzero(norm > _UNSEEN * norm.max(initial=0.0))
+        seen_at = norm > _UNSEEN * norm.max(initial=0.0)
+        if places is not None:
+            ends = np.stack([self.number[first, 1], self.number[last, 0]])
+            at = [(ends[0] >= one) & (ends[1] <= other) for one, other in places]
+            seen_at &= np.any([*at, seen_at & False], axis=0)
+        there = np.flatnonzero(seen_at)
         (product, norm), (first, last) = (product[there], norm[there]), (first[there], last[there])
         left = whole - product**2 / norm
         of_steps = _score(left, whole, freedom, _JUMP)
         tried = [*self._tried(drivers, seen)]
         of_drivers = np.array([_score(whole - shown, whole, freedom, q) for _, shown, q in tried])
-        best_step, best, among = of_steps.min(initial=np.inf), of_drivers.min(initial=np.inf), len(there) + len(tried)
+        best_step, best = of_steps.min(initial=np.inf), of_drivers.min(initial=np.inf)
+        among = len(there) + len(tried) * (places is None)
         if best_step + _BETTER < best:
             k, alike = int(np.argmin(of_steps)), of_steps < best_step + _BETTER
-            if _chance(float(left[k]), whole, freedom, 1) * among < _VERY_RARE:
+            if _chance(float(left[k]), whole, freedom, 1) * among < (_VERY_RARE if places is None else RARE):
                 sd = float(np.sqrt(left[k] / (freedom - _JUMP + 1) / norm[k]))
                 start, end = int(first[alike].min()), int(last[alike].max())
                 both = np.intersect1d(self.group[: last[k]], self.group[last[k] :])
@@ -280,8 +296,9 @@ class _Compared:
                 runs = self.whose == start if start == end else parted[self.whose]
                 alone = bool(np.any(first[alike] == last[alike]))
                 after = -1.0 if first[k] == last[k] == start < end else 1.0  # what is off there is what goes, and comes
-                return (), _Step(after * float(product[k] / norm[k]), sd, start, end, runs, alone)
-        elif best < best_step:
+                before, then = int(self.number[start, 1]), int(self.number[end, 0])
+                return (), _Step(after * float(product[k] / norm[k]), sd, before, then, runs, alone)
+        elif best < best_step and places is None:
             _, shown, fitted = tried[int(np.argmin(of_drivers))]
             names = dict.fromkeys(name for (name, *_), of in zip(tried, of_drivers, strict=True) if of < best + _BETTER)
             if _chance(whole - shown, whole, freedom, fitted) * among < RARE:

@@ -211,3 +211,21 @@ def test_values_tell_whether_the_thermometer_or_the_setpoint_is_wrong(follows: b
     assert [any(said.endswith(words) for said in told) for words in wrong] == [not follows, follows]
     assert {each.verdict for each in solutions} == {Verdict.MARGINAL}
     assert repeats(one, solve_campaign(one))[2].between.agrees == []
+
+
+def test_where_one_value_jumps_another_is_seen_to_by_less_than_elsewhere() -> None:
+    """BB by six in the run in which BA does by twelve: BA alone was named, and BB had been called scatter."""
+    conditions = visited([0, 0, 0, 1, 1, 1, 2, 2, 2]).sensors[2].conditions
+    runs, units = list(range(1, 10)), {"BA": "deg/hr", "BB": "deg/hr"}
+    told = []
+    for seed in range(20):
+        values = np.random.default_rng(seed).normal(0.0, 0.6, (9, 2)) + np.repeat([[5.0], [9.0], [14.0]], 3, axis=0)
+        for size in (12.0, 0.0):
+            moved = values + np.outer(np.arange(1, 10) == 5, [size, -6.0])
+            told.append(between_runs(units, runs, moved, np.full((9, 2), 0.6), conditions).jumps)
+    beside, alone = told[::2], told[1::2]
+    assert sum("BA" in each for each in beside) >= 14
+    assert sum("BB" in each for each in beside) >= 12
+    assert sum("BB" in each for each in alone) <= 4
+    assert not any("BA" in each for each in alone)
+    assert {(jump.before, jump.after) for each in beside for jump in each.values()} == {(5, 5)}
