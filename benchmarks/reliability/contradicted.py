@@ -168,7 +168,7 @@ def _rates() -> Iterator[Case]:
         ("RA and RB exchanged", "RA and RB look exchanged", _exchanged(("rate_A2", "rate_B2"))),
         ("RA of both sensors exchanged", "RA and RA look exchanged", _exchanged(("rate_A1", "rate_A2"))),
         ("sign of RA turned", "the sign of RA looks turned", _times(-1.0, "rate_A2")),
-        ("RA with a gain of 1.2", "RA looks 1.2 times too large", _times(1.2, "rate_A2")),
+        ("RA with a gain of 1.2", r"one cause: RA is 1\.(19|20)\d* ±[0-9.]+ times what it was", _times(1.2, "rate_A2")),
     ):
         yield Case(f"{name}, the last campaign at hand", words, change, history=True)
     doubled = ("{at: 0 s, device: imu, kind: repeated_frames, size: 1.0}",)
