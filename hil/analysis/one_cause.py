@@ -97,12 +97,9 @@ def looks_like(number: int, differ: Differ, earlier: Campaign, shown: SensorRepe
             scaled = any(each.gain and abs(size) > _GAIN for each, size in zip(some, sizes.tolist(), strict=True))
             words = listed(map(_Cause.in_words, some, sizes.tolist(), sds.tolist()))
             found.append((rest + len(some) * sigmas**2, len(some), words, scaled))
-    value_by_value = float(np.minimum(differ.squares, sigmas**2).sum())
-    best = min(found, default=(np.inf,))[0]
-    if best >= value_by_value:
-        return "", False
-    by_count: dict[int, list[str]] = {}
+    best, value_by_value = min(found, default=(np.inf,))[0], float(np.minimum(differ.squares, sigmas**2).sum())
     likely = [each for each in sorted(found) if each[0] < min(best + _AS_LIKELY, value_by_value)]
+    by_count: dict[int, list[str]] = {}
     for _, count, words, _ in likely:
         by_count.setdefault(count, []).append(words)
     told = (f"{spelled(count)} cause{'s' * (count > 1)}: {', or '.join(of)}" for count, of in by_count.items())

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from hil.analysis import one_cause
 from hil.analysis.against import Comparison
 from hil.campaign import Campaign, FloatArray
 from hil.report.content import gather
@@ -146,3 +147,25 @@ def test_both_channels_by_the_same_gain_are_one_cause() -> None:
     """A clock, or a scale in a driver, is neither of two channels by itself."""
     (said,) = Comparison(night(2, lambda rates: 1.05 * rates), night(1)).causes
     assert "one cause: each of RA and RB is 1.05" in said or "one cause: each of RA and RB is 1.04" in said
+
+
+@pytest.mark.parametrize(
+    ("values", "told"),
+    [
+        (np.full(18, 5.0) + np.resize([0.5, -0.5], 18), True),
+        (np.full(18, 5.0) + np.resize([2.4, -2.4], 18), False),  # none beyond chance is left, and all are too large
+        (np.array([6.0, 2.0, 2.0]), False),  # one value by itself explains more
+        (np.array([6.0, 4.5, 4.5]), True),
+    ],
+)
+def test_a_cause_leaves_chance_and_explains_more_than_values_do_one_by_one(
+    monkeypatch: pytest.MonkeyPatch, values: FloatArray, told: bool
+) -> None:
+    """Of values with a ± of 1 each, of which 3.5 are beyond chance; the cause would move all alike."""
+    count = len(values)
+    cause = one_cause._Cause("all by {}", "", np.ones(count))
+    monkeypatch.setattr(one_cause, "_causes", lambda *_: [cause])
+    differ = one_cause.Differ([("BA", 20.0)] * count, values, np.ones(count), np.full(count, 3.5))
+    said, scaled = one_cause.looks_like(2, differ, None, None, 3.5)  # type: ignore[arg-type]
+    assert said.startswith("one cause: all by ") == told == bool(said)
+    assert not scaled

@@ -9,6 +9,7 @@ import pytest
 
 from hil.campaign import FloatArray
 from hil.campaign.plausibility import judged_by_its_records
+from hil.solve.omissions import in_words
 from tests.hil.solve.runs_of_a_unit import campaign, with_column, with_rates
 
 
@@ -104,3 +105,11 @@ def test_a_thermometer_that_stands_still_makes_no_other_record_wrong() -> None:
     warnings = with_column(made, temperature_degC=shown, case_degC=case).warnings
     assert "does not follow" in " ".join(warnings)
     assert not any("case_degC" in words or "belongs by" in words for words in warnings)
+
+
+def test_what_every_sensors_thermometer_shows_is_said_once() -> None:
+    """Sixteen lines of a unit of two sensors were eight, each twice."""
+    soaks = [{"sensor": n, "runs": runs, "why": f"why {runs}"} for n in (1, 2) for runs in ([1], [4])]
+    soaks.append({"sensor": 2, "runs": [7], "why": "another"})
+    said = ["sensors 1–2, run 1: why [1]", "sensors 1–2, run 4: why [4]", "sensor 2, run 7: another"]
+    assert in_words({"runs_not_settled": soaks}) == said
