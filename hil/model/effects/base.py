@@ -143,6 +143,9 @@ class Described(ABC):
     signature: ClassVar[str] = ""
     confusable_with: ClassVar[tuple[str, ...]] = ()
     experiment: ClassVar[str] = ""
+    asks_for: ClassVar[str] = "more runs or positions"
+    """What rows lack in which none of its shapes shows."""
+
     idealises: ClassVar[str] = ""
     """By what its column in recorded conditions differs from what a unit does by more than 1 %; empty where nothing."""
 

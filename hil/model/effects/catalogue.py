@@ -144,7 +144,7 @@ def why_not(effect: Effect, conditions: Conditions, base: Base | None) -> str:
     if effect.needs_slopes and (base is None or base.bias_slope is None or base.k_slope is None):
         return "cannot be asked: needs a base model that depends on temperature"
     if not effect.shape_grid(conditions):
-        return "cannot be asked: needs more runs or positions"
+        return f"cannot be asked: needs {effect.asks_for}"
     if effect.needs_base and base is not None and not np.all(np.isfinite(base.rates)):
         return "cannot be asked: the base model has no value in some rows"
     return ""

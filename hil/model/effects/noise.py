@@ -332,6 +332,7 @@ class PowerCycleBias(Effect):
     signature = "All positions move together, and stay until the power is cycled; MU not at all."
     confusable_with = ("bias_T", "rrw", "jump")
     experiment = "Several power cycles at one temperature."
+    asks_for = "three power cycles of several runs each; of one run each it is what changes from run to run"
 
     def aliases_for(self, conditions: Conditions) -> Mapping[str, float]:
         """Return a bias that follows temperature, where each cycle stood at one that no other visited."""

@@ -360,6 +360,14 @@ def test_turn_on_bias_is_common_to_a_power_cycle() -> None:
     assert np.array_equal(turn_on.covariance(unknown)[::2, ::2], np.kron(np.eye(4), np.ones((3, 3))))
 
 
+def test_what_rows_lack_is_said_in_the_effects_own_words() -> None:
+    """Of four power cycles on record a turn-on bias had needed "more runs or positions"."""
+    conditions = campaign(temperatures=(0.0, 20.0), runs_each=2)
+    cycled = replace(conditions, columns={**conditions.columns, "time_since_power_on_s": np.full(12, 300.0)})
+    assert "needs three power cycles of several runs each" in why_not(effect_by_id("turnon"), cycled, None)
+    assert why_not(effect_by_id("drift"), conditions.rows(np.array([0])), None).endswith("more runs or positions")
+
+
 def test_base_motion_is_seen_alike_by_parallel_axes_only() -> None:
     """The B axis keeps its direction over the collects; A turns from down to up, so its share changes sign."""
     covariance = next(v for v in VARIANCE_EFFECTS if v.id == "base").covariance(one_run())
