@@ -108,9 +108,9 @@ class Comparison:
                     }
                     self.differences += [Difference(sensor, name, each, **where) for name, each in both.items()]
         self._sigmas = max(SIGMAS, float(-ndtri(0.5 * RARE / max(len(self.differences), 1))))
-        causes = [] if self.meaningless or slips else [*self._causes(earlier, before)]
-        self.causes = [told for told, _ in causes]
-        self.doubts = [*self._apart, *(f"{told[0].upper()}{told[1:]}." for told, scaled in causes if scaled)]
+        causes = {} if self.meaningless or slips else dict(self._causes(earlier, before))
+        self.causes, self._caused = [told for told, _ in causes.values()], causes.keys()
+        self.doubts = [*self._apart, *(f"{told[0].upper()}{told[1:]}." for told, scaled in causes.values() if scaled)]
         if not all(math.isfinite(each.difference.sd) for each in self.differences):
             remarks.append(
                 "Where no uncertainty is given, neither standard errors nor repeats are there to tell it from."
@@ -125,10 +125,10 @@ class Comparison:
         """Whether a difference is beyond what chance makes of all that were compared."""
         return abs(each.difference.value) > each.difference.expanded(self._sigmas)
 
-    def _causes(self, earlier: Campaign, before: Mapping[int, SensorRepeats]) -> Iterator[tuple[str, bool]]:
-        """Yield what makes all differences of one sensor, where one cause or two do, and whether that is a gain."""
+    def _causes(self, earlier: Campaign, before: Mapping[int, SensorRepeats]) -> Iterator[tuple[int, tuple[str, bool]]]:
+        """Yield by sensor what makes all its differences, where one cause or two do, and whether that is a gain."""
         changed = {each.sensor for each in self.flagged}
-        for sensor in dict.fromkeys(each.sensor for each in self.differences):
+        for sensor in sorted({each.sensor for each in self.differences}, key=lambda each: each not in changed):
             of = [(each, each.difference) for each in self.differences if each.sensor == sensor]
             of = [(each, by) for each, by in of if math.isfinite(by.sd) and by.sd > 0.0]
             values, bound = np.array([(by.value, by.expanded(self._sigmas)) for _, by in of]).reshape(-1, 2).T
@@ -137,19 +137,19 @@ class Comparison:
             told, scaled = looks_like(sensor, differ, earlier, before[sensor], self._sigmas) if of else ("", False)
             if told:
                 that = "all of that looks" if sensor in changed else "none alone, but all together look"
-                yield f"sensor {sensor}: {that} like {told}", scaled
+                yield sensor, (f"sensor {sensor}: {that} like {told}", scaled)
 
     @property
     def agreeing(self) -> str:
-        """Say which values are as they were, and by how much the others are not."""
+        """Say which values are as they were, none where all together differ, and by how much the others are not."""
         if not (found := self.flagged):
             return ""
         by = sorted(abs(each.difference.value) / each.difference.sd for each in found)
         far = " to ".join(dict.fromkeys(f"{each:.2g}" for each in (by[0], by[-1])))
-        changed = {(each.sensor, each.parameter) for each in found}
+        changed, known = {(each.sensor, each.parameter) for each in found}, {each.sensor for each in found}
         same = dict[int, dict[str, None]]()
         for each in self.differences:
-            if (each.sensor, each.parameter) not in changed:
+            if (each.sensor, each.parameter) not in changed and each.sensor not in self._caused - known:
                 same.setdefault(each.sensor, {})[each.parameter] = None
         named = "; ".join(f"sensor {number}: {listed(list(names))}" for number, names in same.items())
         agree = f"at every temperature these agree, {named}" if named else "no parameter agrees at every temperature"

@@ -33,7 +33,7 @@ class Sweep(WholeFile):
     folder = "sweeps"
     title: str
     temperatures: tuple[Celsius, ...] = Field(min_length=1)
-    self_calibrations_per_temperature: int = Field(default=3, ge=1, le=MOST_OF_ONE)
+    self_calibrations_per_temperature: int = Field(default=3, ge=1, le=MOST_OF_ONE, strict=True)
     positions: Annotated[tuple[_Label, ...], Field(min_length=1)] = ("1", "2", "3")
     restabilisation: Annotated[Restabilisation, settings_of(Restabilisation)] = Restabilisation()
     collect: Annotated[CollectSettings, settings_of(CollectSettings)] = CollectSettings()

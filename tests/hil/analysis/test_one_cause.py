@@ -169,3 +169,19 @@ def test_a_cause_leaves_chance_and_explains_more_than_values_do_one_by_one(
     said, scaled = one_cause.looks_like(2, differ, None, None, 3.5)  # type: ignore[arg-type]
     assert said.startswith("one cause: all by ") == told == bool(said)
     assert not scaled
+
+
+def test_of_a_sensor_that_differs_in_all_values_together_none_is_said_to_agree() -> None:
+    """And the sensor with values beyond chance comes first: the head of a report has room for one."""
+    little, much, one, other = (
+        each.sensors[2]
+        for each in (night(4, lambda r: r * [1.025, 1.0]), night(2, lambda r: r * 1.08), night(3), night(1))
+    )
+    found = Comparison(replace(night(2), sensors={2: little, 3: much}), replace(night(1), sensors={2: one, 3: other}))
+    assert [cause.partition(" like")[0] for cause in found.causes] == [
+        "sensor 3: all of that looks",
+        "sensor 2: none alone, but all together look",
+    ]
+    assert found.doubts[0].startswith("Sensor 3")
+    assert "sensor 3: " in found.agreeing
+    assert "sensor 2" not in found.agreeing

@@ -196,6 +196,11 @@ def test_a_bench_keeps_the_text_it_was_read_from(tmp_path: Path) -> None:
         ("ramp: 3 degC/min", "ramp: 3 degC", "ramp: '3 degC' is not a rate of temperature change"),
         ("ramp: 3 degC/min", "ramp: 0 degC/min", "ramp: must be more than 0, not"),
         ("self_calibrations_per_temperature: 3", "self_calibrations_per_temperature: 0", "self_calibrations_per_temp"),
+        (
+            "self_calibrations_per_temperature: 3",
+            "self_calibrations_per_temperature: yes",
+            "self_calibrations_per_temperature: must be a whole number, not True",
+        ),
     ],
 )
 def test_a_wrong_sweep_is_one_sentence_that_names_file_and_key(old: str, new: str, message: str) -> None:
