@@ -189,7 +189,7 @@ def _log_shares(
 def weigh(searches: Mapping[int, SensorSearch], *, serve: bool = True) -> Posterior:
     """Weigh the likely sets of all sensors together: an effect that one has the others probably have too.
 
-    Without `serve`, at the points of the noise that were chosen before any set was: so far, in a fraction of the time.
+    Without `serve`, of fewer sets, and at the points of the noise that were chosen before any was: so far, about.
     """
     likely = {n: likely_sets(search, serve=serve) for n, search in searches.items()}
     lists = {n: _with_the_others(n, searches, likely) for n in searches}
