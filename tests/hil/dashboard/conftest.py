@@ -3,12 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
 import pytest
 
 from tests.hil.dashboard.live_page import DESKTOP, SOON_MS, TOKEN, Dashboard, Nights
+from tests.hil.dashboard.watched_night import Watched, left_by_a_killed_controller, watched
+
+
+@pytest.fixture(scope="module")
+def night(tmp_path_factory: pytest.TempPathFactory) -> Watched:
+    """A complete night, and what the page was told during the soak of its second self-calibration."""
+    return watched(tmp_path_factory.mktemp("facts"))
+
+
+@pytest.fixture
+def killed(night: Watched, tmp_path: Path) -> Path:
+    """The same night as a controller leaves it that was killed in its last step."""
+    return left_by_a_killed_controller(night[0], tmp_path / "killed")
 
 
 @pytest.fixture(scope="module")
