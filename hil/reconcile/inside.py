@@ -198,33 +198,35 @@ def wandering(campaign: Campaign, number: int) -> Wander | None:
     rows = campaign.sensors[number].conditions
     parts = BiasInstability().scatter(rows, {})
     sizes = np.array([part.columns[0, 0, 0] ** 2 for part in parts])
-    seen = np.full((10, len(rows), len(rows.sensor.channels)), np.nan)
+    # Measured, and of flicker and a walk of unit size: of neighbours, about a line, of blocks far apart.
+    seen = np.full((3, 3, len(rows), len(rows.sensor.channels)), np.nan)
+    block_hr = np.zeros(seen.shape[2:])
     for row, collect in enumerate(rows.collect.tolist()):
         if (series := campaign.series(collect)) is None:
             continue
-        for channel in range(seen.shape[2]):
+        for channel in range(seen.shape[3]):
             times, rates = blocked(series, channel)
             if len(rates) >= FEWEST:
                 x, block_s = times - times.mean(), round(float(np.median(np.diff(times))), 3)
-                left, far = rates - rates.mean() - x * (x @ rates / (x @ x)), len(rates) // 3
-                half = [float(np.mean((rates[k:] - rates[:-k]) ** 2)) / 2.0 for k in (1, far)]
+                left = rates - rates.mean() - x * (x @ rates / (x @ x))
+                near, far = (float(np.mean((rates[k:] - rates[:-k]) ** 2)) / 2.0 for k in (1, len(rates) // 3))
+                measured = near, float(left @ left) / (len(rates) - 2), far
                 of_flicker = sizes @ [_moments(float(part.tau_s or 0.0), len(rates), block_s) for part in parts]
-                of_walk = _moments(np.inf, len(rates), block_s)
-                moments = half[0], float(left @ left) / (len(rates) - 2), half[1]
-                seen[:, row, channel] = *moments, *of_flicker, *of_walk, block_s / 3600.0
-    known = seen[:, np.isfinite(seen[0])]
-    if known.shape[1] < FEWEST_BESIDE:
+                seen[:, :, row, channel] = measured, of_flicker, _moments(np.inf, len(rates), block_s)
+                block_hr[row, channel] = block_s / 3600.0
+    (neighbours, line, apart), *of_each = seen[:, :, np.isfinite(seen[0, 0])]
+    if len(line) < FEWEST_BESIDE:
         return None
-    more, unit = known[1] - known[0], float(np.mean(known[4] - known[3]))
+    more, unit = line - neighbours, float(np.mean(of_each[0][1] - of_each[0][0]))
     square, error = float(more.mean()) / unit, float(more.std()) / len(more) ** 0.5 / unit
-    white = np.sqrt(np.maximum(seen[0] - seen[3] * square, 0.0) * seen[9])
+    white = np.sqrt(np.maximum(seen[0, 0] - seen[1, 0] * square, 0.0) * block_hr)
     often = np.median(more) > _USUAL * more.mean()  # what a few collects show is no noise of all
     if not often or square <= _BEYOND * error or np.nanmedian(white) <= 0.0:
         return None
     as_flicker, as_walk = (
         float(left.mean()) ** 2 * len(left) / float(left.var())
-        for near, line, far in (known[3:6], known[6:9])
-        for left in [known[2] - known[0] - more * np.mean(far - near) / np.mean(line - near)]
+        for of in of_each
+        for left in [apart - neighbours - more * np.mean(of[2] - of[0]) / np.mean(of[1] - of[0])]
     )
     if as_flicker - as_walk > _LIKELIER:
         return None

@@ -148,20 +148,21 @@ def between_runs(
     differ, sd = there.more_than(of_one), spread.sd(errors)
     drivers = [*_drivers(number, visit, conditions)]
     follow, jumps, apart = dict[str, tuple[str, ...]](), dict[str, Jump](), dict[str, tuple[int, ...]]()
-    for places in (None, jumps):  # where one value jumps another does, by less than would be seen elsewhere
+    places: list[tuple[int, int]] | None = None
+    while places != []:  # where one value jumps another does, by less than would be seen elsewhere
         for p, (name, unit) in enumerate(units.items()):
             here = np.flatnonzero(np.isfinite(values[:, p]))
             if name not in {*follow, *jumps} and spread.certain[p] and np.all(sd[here, p] > 0.0):
                 compared = visit[here] if differ[p] else here
                 own = _Compared.of(values[here, p], sd[here, p], group[here], compared, number[here])
-                known = None if places is None else [(j.before, j.after) for j in places.values()]
-                columns, step = own.explained([(of, x[here]) for of, x in drivers], known)
+                columns, step = own.explained([(of, x[here]) for of, x in drivers], places)
                 if columns and not (WAY in columns and differ[p]):  # what visits differ by is said of those
                     follow[name] = columns
                 if step is not None:
                     jumps[name] = Jump(step.size, step.sd, unit, step.before, step.after, step.alone)
                     if told_by(conditions) is not None:
                         apart[name] = tuple(number[here[step.runs]].tolist())
+        places = [(jump.before, jump.after) for jump in jumps.values()] if places is None else []
     of_visits = [name for name, more in zip(units, differ, strict=True) if more]
     return BetweenRuns(follow, jumps, apart, of_visits, _agrees(number, values, errors, conditions))
 
@@ -276,8 +277,7 @@ class _Compared:
         seen_at = norm > _UNSEEN * norm.max(initial=0.0)
         if places is not None:
             ends = np.stack([self.number[first, 1], self.number[last, 0]])
-            at = [(ends[0] >= one) & (ends[1] <= other) for one, other in places]
-            seen_at &= np.any([*at, seen_at & False], axis=0)
+            seen_at &= np.any([(ends[0] >= one) & (ends[1] <= other) for one, other in places], axis=0)
         there = np.flatnonzero(seen_at)
         (product, norm), (first, last) = (product[there], norm[there]), (first[there], last[there])
         left = whole - product**2 / norm

@@ -78,8 +78,10 @@ def _told(block: FittedBlock, values: FloatArray) -> BoolArray:
         return np.ones(len(values), dtype=bool)
     own = rows.at_each_temperature(rows.values)
     left = np.abs(values - own @ np.linalg.lstsq(own, values, rcond=1e-8)[0])
-    most = np.array([left[rows.station == k].max() for k in rows.station.tolist()])
-    return np.asarray(most >= _MATERIAL * left.max())
+    stations, at = np.unique(rows.station, return_inverse=True)
+    most = np.zeros(len(stations))
+    np.maximum.at(most, at, left)
+    return np.asarray(most[at] >= _MATERIAL * left.max())
 
 
 def _least_left(columns: FloatArray, rest: FloatArray) -> float:
