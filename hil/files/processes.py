@@ -7,10 +7,11 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from functools import partial
-from multiprocessing import active_children, get_context, parent_process
+from multiprocessing import get_context, parent_process
 from multiprocessing.process import BaseProcess
 from multiprocessing.synchronize import Event
 from threading import Thread
+from types import FrameType
 from typing import Any
 
 _given_up: Event | None = None  # of a process that works for another
@@ -33,28 +34,42 @@ def processes(count: int) -> Iterator[Map]:
         except BaseException:
             given_up.set()  # what waits in the pool's own queue cannot be cancelled
             pool.shutdown(wait=False, cancel_futures=True)
-            for child in active_children():
-                child.terminate()
             raise
 
 
 def end_with_parent(given_up: Event | None) -> None:
     """Let this process end when the one that it works for has, in whatever way: nobody else would tell it.
 
-    What a terminal says to all of them (Ctrl-C) is for that one to hear. Told to end, it leaves nothing behind.
+    What a terminal says to all of them (Ctrl-C) is for that one to hear. Where it gives up, what is at work is told to
+    end, once: told again while it clears up, it would leave things behind. What waits for work ends with the pool.
     """
     global _given_up
     _given_up = given_up
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
+    if given_up is not None:
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+        Thread(target=_tell, args=(given_up,), daemon=True).start()
     if (parent := parent_process()) is not None:
         Thread(target=_outlive, args=(parent,), daemon=True).start()
 
 
 def _unless_given_up(function: Callable[[Any], Any], thing: Any) -> Any:
-    if _given_up is not None and _given_up.is_set():
-        sys.exit(1)
-    return function(thing)
+    signal.signal(signal.SIGTERM, _end)
+    try:
+        if _given_up is not None and _given_up.is_set():
+            sys.exit(1)
+        return function(thing)
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+
+
+def _end(number: int, frame: FrameType | None) -> None:  # noqa: ARG001 - the signature of a handler
+    sys.exit(1)
+
+
+def _tell(given_up: Event) -> None:
+    given_up.wait()
+    os.kill(os.getpid(), signal.SIGTERM)
 
 
 def _outlive(parent: BaseProcess) -> None:

@@ -21,7 +21,8 @@ from procedures.stop import StopRequest
 
 def draw(place):
     stop = StopRequest()
-    with TemporaryDirectory(dir=place), stop.on_signals():  # as a night does
+    with TemporaryDirectory(dir=place) as own, stop.on_signals():  # as a night does
+        Path(own, "at work").touch()
         while not stop.requested:
             time.sleep(0.01)
 
@@ -29,7 +30,7 @@ def draw(place):
 if __name__ == "__main__":
     with processes(2) as mapped:
         drawing = mapped(draw, [sys.argv[1]] * 4)
-        while len([*Path(sys.argv[1]).iterdir()]) < 2:
+        while len([*Path(sys.argv[1]).glob("*/at work")]) < 2:
             time.sleep(0.01)
         print("drawing", flush=True)
         next(drawing)
