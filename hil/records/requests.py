@@ -13,6 +13,7 @@ import sqlite3
 from pathlib import Path
 
 from drivers.clock import SystemClock
+from hil.config.recorded import chamber_within
 from hil.errors import InputError, worded
 from hil.files.lock import living_owner
 from hil.files.strict import one_line
@@ -88,6 +89,8 @@ def forsaken_chamber(journal: JournalReader) -> str:
     controllers, beat = journal.controllers(), journal.last_heartbeat()
     if not controllers or controllers[-1].ended is not None:
         return ""
+    if chamber_within(journal.night.configuration):
+        return "the simulated chamber ended with its controller"
     setpoint = None if beat is None else beat.readings.get("setpoint_degC")
     where = "" if setpoint is None else f", at {setpoint:.1f} °C when it was last heard of"
     return f"THE CHAMBER MAY STILL BE CONDITIONING{where}"
@@ -100,9 +103,10 @@ def _require_controller(folder: Path, kind: RequestKind) -> None:
         return
     with open_readonly(folder) as journal:
         controllers, forsaken = journal.controllers(), forsaken_chamber(journal)
+        to_do = made_safe(folder, within=chamber_within(journal.night.configuration))
     nobody = f"{folder}: no controller is at work here, so nobody would hear {kind.value}"
     if forsaken:
-        raise InputError(f"{nobody}: it was killed, or lost its power, and {forsaken}; {made_safe(folder)}")
+        raise InputError(f"{nobody}: it was killed, or lost its power, and {forsaken}; {to_do}")
     ended = (controllers[-1].ended or "") if controllers else ""
     how = f" (the last one ended: {ended})" if ended else ""
     on = "" if ended.startswith("complete") else f", hil resume {folder} carries on"

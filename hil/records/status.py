@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers.clock import SystemClock
+from hil.config.recorded import chamber_within
 from hil.records.damage import lost_blocks
 from hil.records.live import SILENCE_BORNE_S, age_s, read_heartbeat, read_live
 from hil.records.reader import JournalReader, reading
@@ -100,6 +101,8 @@ def _document(facts: _Facts) -> dict[str, Any]:
     present = going_on[-1] if working and going_on and newest and going_on[-1].controller == newest.number else None
     standing, over = _troubles(facts)
     left, forsaken = _left(facts), forsaken_chamber(facts.journal) if facts.owner is None else ""
+    if forsaken and chamber_within(night.configuration):
+        left = Left()
     return {
         "schema": "hil.status/1",
         "state": state,

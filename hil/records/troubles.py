@@ -36,7 +36,7 @@ def to_do(place: Path, status: Mapping[str, Any]) -> str:
     if status["working"]:
         return "wait until the chamber has been made safe, and look again"
     if status["killed"]:
-        return made_safe(night_of(place))
+        return made_safe(night_of(place), within=status["chamber"] == "SAFE")
     first = "go to the chamber and stop it there; then " if status["chamber"] not in (None, "SAFE") else ""
     if status["reason"].startswith("ERROR"):
         return f"{first}use no number of it: hil repair {folder} --out NEW brings back what is proven"
@@ -51,10 +51,10 @@ def to_do(place: Path, status: Mapping[str, Any]) -> str:
     return f"{first}hil resume {folder} carries on: {counted(left, 'step')} left"
 
 
-def made_safe(folder: Path) -> str:
-    """Return what is to be done where nobody commands the chamber any more."""
+def made_safe(folder: Path, *, within: bool) -> str:
+    """Return what is to be done where nobody commands the chamber any more; `within`: it died with its controller."""
     named = quote(str(folder))
-    return f"hil watchdog {named} brings it to its safe state, hil resume {named} carries on"
+    return f"{'' if within else f'hil watchdog {named} brings it to its safe state, '}hil resume {named} carries on"
 
 
 def troubles(night: Night, events: Sequence[Event], last_s: float, trying: str) -> tuple[list[str], list[str]]:

@@ -30,6 +30,8 @@ def bench_with(**chamber: Any) -> Bench:
     """Return the simulated bench with another chamber section."""
     document = yaml.safe_load(load_bench("simulated").text)
     document["chamber"] |= chamber
+    if "port" in chamber:
+        document["clock"] = "system"
     return parse_bench(yaml.safe_dump(document), "bench.yaml")
 
 
@@ -55,7 +57,7 @@ def test_status_says_that_the_chamber_may_still_be_conditioning(
 ) -> None:
     """In the words of hil pause, with where it was and what to do; once somebody has made it safe, no more."""
     night = tmp_path / "night"
-    killed_night(night, load_bench("simulated"))
+    killed_night(night, bench_with(port="socket://127.0.0.1:1"))
     found = night_status(night)
     (said,) = found["problems"]
     assert said == "THE CHAMBER MAY STILL BE CONDITIONING, at 60.0 °C when it was last heard of"
@@ -67,6 +69,20 @@ def test_status_says_that_the_chamber_may_still_be_conditioning(
         journal.event("safe-state", "by hand", chamber="SAFE")
         journal.finish("failed: made safe")
     assert (night_status(night)["problems"], night_status(night)["chamber"]) == ([], "SAFE")
+
+
+def test_a_simulated_chamber_ends_with_its_controller(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Nobody is sent to it, nor told to type what is then refused; the night carries on where it was."""
+    night = tmp_path / "night"
+    killed_night(night, load_bench("simulated"))
+    found = night_status(night)
+    assert (found["killed"], found["chamber"]) == (True, "SAFE")
+    assert found["problems"] == [found["chamber_in_words"]] == ["the simulated chamber ended with its controller"]
+    for command in (["status", str(night)], ["pause", str(night), "--why", "tea"]):
+        assert hil(command) != 0
+        told = "".join(capsys.readouterr())
+        assert f"hil resume {night} carries on" in told
+        assert "watchdog" not in told
 
 
 def test_the_nights_in_a_folder_that_need_a_watchdog_are_those_whose_lock_has_a_name(tmp_path: Path) -> None:

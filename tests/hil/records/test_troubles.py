@@ -135,7 +135,12 @@ STANDING = [
     ({"state": "incomplete", "verdict": {"verdict": "ERROR"}}, "measures again what rests on the damage", "nothing"),
     ({"state": "incomplete", "reason": "ERROR: row 3"}, "use no number of it: hil repair n --out NEW", "resume"),
     ({"state": "incomplete", "working": True}, "wait until the chamber has been made safe", "resume"),
-    ({"state": "incomplete", "killed": True}, "hil watchdog n brings it to its safe state, hil resume n", "report"),
+    (
+        {"state": "incomplete", "killed": True, "chamber": None},
+        "hil watchdog n brings it to its safe state, hil resume n",
+        "report",
+    ),
+    ({"state": "incomplete", "killed": True}, "hil resume n carries on", "watchdog"),
     ({"state": "running", "working": True}, "nothing", "see to it"),
     ({"state": "running", "working": True, "problems": ["lost"]}, "see to it; the controller tries on", "nothing"),
     ({"state": "running", "prompt": {"wants_words": True}}, "answer it: hil confirm n --text …, or --no", "nothing"),
@@ -153,7 +158,9 @@ def test_whoever_asks_how_it_stands_is_told_what_to_do(standing: dict[str, Any],
     assert never not in told
 
 
-@pytest.mark.parametrize("standing", [{}, {"state": "incomplete", "killed": True}, {"state": "paused"}], ids=str)
+@pytest.mark.parametrize(
+    "standing", [{}, {"state": "incomplete", "killed": True, "chamber": None}, {"state": "paused"}], ids=str
+)
 def test_what_is_to_be_typed_can_be_typed_as_it_stands(standing: dict[str, Any]) -> None:
     """A folder whose name has a space is one word of the command."""
     status = {"state": "complete", "reason": "", "verdict": {"verdict": "PASS"}, "steps_done": 10, "steps_total": 10}
