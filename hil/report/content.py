@@ -129,6 +129,9 @@ def headline(content: ReportContent) -> str:
     return f"{what}: {verdicts}.{state}" if verdicts else f"nothing solved.{state}"
 
 
+_OF_THE_UNIT = " What has changed since the earlier campaign is the unit's; a measurement is not judged by it."
+
+
 def good(content: ReportContent) -> tuple[str, str]:
     """Say whether it is good, by a verdict and a sentence."""
     found = content.solutions
@@ -154,7 +157,8 @@ def good(content: ReportContent) -> tuple[str, str]:
         Verdict.INCONCLUSIVE: "Not conclusive: for some of it the evidence does not suffice; the reasons are below.",
         Verdict.FAIL: "Not good: some of it must not be used; the reasons are below.",
     }
-    return str(judged), words[judged]
+    moved = judged is Verdict.PASS and content.comparison is not None and content.comparison.flagged
+    return str(judged), f"{words[judged]}{_OF_THE_UNIT if moved else ''}"
 
 
 def to_do(content: ReportContent) -> list[str]:

@@ -196,6 +196,7 @@ def test_the_page_shows_the_comparison_and_marks_what_is_beyond(first: Campaign)
     page = render(gather(changed(first, add=50.0), comparison=comparison))
     assert "16 of 48 differences from" in page[: page.index("<table")]
     assert "16 numbers changed since the earlier campaign: find out why" in page[: page.index("<table")]
+    assert "What has changed since the earlier campaign is the unit&#39;s; a measurement is not judged by it" in page
     assert page.count(">BEYOND<") == 16
     listed = page[page.index('id="against"') : page.index('id="differences"')]
     assert len(re.findall(r"<li>sensor 2, [^<]* now and was [^<]* a difference of 50\.\d+ ±", listed)) == 3
@@ -266,4 +267,6 @@ def test_a_site_that_moved_is_no_pass(first: Campaign) -> None:
     verdict, said = good(gather(here, None, found))
     assert verdict == "MARGINAL"
     assert "latitude" in said
-    assert good(gather(here, None, Comparison(here, here)))[0] == "PASS"
+    verdict, said = good(gather(here, None, Comparison(here, here)))
+    assert verdict == "PASS"
+    assert "has changed" not in said
