@@ -90,7 +90,7 @@ def find_config(kind: str, name: str | Path, beside: Path | None = None, built_i
     """
     what = SINGULAR.get(kind, kind)
     if not str(name).strip():
-        raise InputError(f"the name of the {what} is empty")
+        raise InputError(f"{str(name)!r}: the name of the {what} is empty")
     path = Path(name).expanduser()
     if _is(Path.exists, path) and not path.is_dir():  # whether it is a file is for the door to say
         return path
