@@ -61,7 +61,7 @@ def test_of_nothing_there_is_no_list() -> None:
         ("benches", "zzz", "zzz: there is no bench of this name, nor such a file or folder; allowed: "),
         ("sweeps", "./nothing.yaml", "./nothing.yaml: there is no such file or folder"),
         ("sweeps", "/nothing/here.yaml", "/nothing/here.yaml: there is no such file or folder"),
-        ("sweeps", "", "the name of the sweep is empty"),
+        ("sweeps", "", "'': the name of the sweep is empty"),
         ("imus", "/", "/: this is a folder, not the file of an IMU description"),
     ],
 )
