@@ -256,8 +256,8 @@ def refuse(folder: Path, damage: Sequence[str]) -> None:
     """Raise `Damaged` with the first of what is damaged, and what to do; nothing where nothing is."""
     if damage:
         more = f" (and {len(damage) - 1} more: hil verify names them)" if len(damage) > 1 else ""
-        advice = f"nothing that rests on it is stated; hil repair {folder} --out NEW brings back what is proven, where its plan is"
-        raise Damaged(f"{folder}/{damage[0]}{more}; {advice}")
+        repair = f"hil repair {folder} --out NEW brings back what is proven, where its plan is"
+        raise Damaged(f"{folder}/{damage[0]}{more}; nothing that rests on it is stated; {repair}")
 
 
 def is_night(folder: Path) -> bool:

@@ -39,7 +39,9 @@ def to_do(place: Path, status: Mapping[str, Any]) -> str:
         return made_safe(night_of(place), within=status["chamber"] == "SAFE")
     first = "go to the chamber and stop it there; then " if status["chamber"] not in (None, "SAFE") else ""
     if status["reason"].startswith("ERROR"):
-        return f"{first}use no number of it: hil repair {folder} --out NEW brings back what is proven, where its plan is"
+        return (
+            f"{first}use no number of it: hil repair {folder} --out NEW brings back what is proven, where its plan is"
+        )
     verdict, left = (status["verdict"] or {}).get("verdict", ""), status["steps_total"] - status["steps_done"]
     if status["state"] == "complete":
         if verdict == "PASS" and (status.get("in_spec") or {}).get("verdict") == "out of spec":

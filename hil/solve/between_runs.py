@@ -84,6 +84,11 @@ class BetweenRuns:
     agrees: Sequence[str] = ()
 
     @property
+    def alone(self) -> Mapping[str, int]:
+        """Return by parameter the run in which alone it is another: no mean has it, nor what repeats scatter by."""
+        return {name: jump.before for name, jump in self.jumps.items() if jump.before == jump.after}
+
+    @property
     def in_words(self) -> list[str]:
         """Say which parameters follow what, and which jump where; nothing where nothing explains what they do."""
         return self._said(self.jumps)
@@ -125,7 +130,7 @@ class BetweenRuns:
 def _where(before: int, after: int, alone: bool) -> str:
     """Say between which runs something jumps, or in which it is another."""
     if before == after:
-        return f"in run {before} alone"
+        return f"in run {before} alone, and in no mean"
     return f"between run {before} and run {after}{', or in one run alone' * alone}"
 
 

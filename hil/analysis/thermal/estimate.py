@@ -68,8 +68,9 @@ class Layout:
     """The rows of one sensor with its columns: `columns` (n, c, p) of the form, and how temperature enters.
 
     `middle_degC` and `half_degC` scale temperature to -1 … 1 for polynomials. `factor` (p,) is what standard errors are
-    times, `residuals` (p,) the degrees of freedom of that and `common` (p,) what is the same in every run, as
-    `hil solve` has them; `spread` is that of all runs, where temperatures are left out.
+    times, `residuals` (p,) the degrees of freedom of that, `common` (p,) what is the same in every run and `alone` (p,)
+    the run that is another, NaN for none, as `hil solve` has them; `spread` is that of all runs, where temperatures are
+    left out.
     """
 
     collects: Collects
@@ -81,6 +82,7 @@ class Layout:
     factor: FloatArray | float = 1.0
     residuals: FloatArray | float = math.inf
     common: FloatArray | float = 0.0
+    alone: FloatArray | float = math.nan
     spread: Spread | None = None
 
     @cached_property
@@ -124,6 +126,7 @@ class Visits:
         self.layout = layout
         self.values, stated = np.array([each.values for each in found]), np.array([each.se for each in found])
         first = [here[0] for here in rows]
+        self.values[conditions.run[first][:, None] == np.asarray(layout.alone)] = np.nan
         self.station = layout.stations.number[first]
         self.direction = layout.stations.direction[first] * layout.hysteresis
         self.temperature_degC = np.array([layout.temperature_degC[here].mean() for here in rows])
@@ -236,7 +239,8 @@ def layout_of(
 ) -> tuple[Layout, list[str]]:
     """Choose the form and the rows: temperatures at which no run tells every parameter are left out.
 
-    `factor_of` has by parameter what its standard errors are times, the degrees of freedom of that, and what is common.
+    `factor_of` has by parameter what its standard errors are times, the degrees of freedom of that, what is common, and
+    the run that alone is another.
     What is `as_zero` is in no form. Raises `InputError` where fewer than three temperatures are left.
     """
     notes: list[str] = []
@@ -254,7 +258,9 @@ def layout_of(
     form = form.without(as_zero)
     if form.reason:
         notes.append(f"sensor {number}: {form.reason}")
-    factor, residuals, common = np.array([factor_of.get(name, (1.0, math.inf, 0.0)) for name in form.names]).T
+    factor, residuals, common, alone = np.array(
+        [factor_of.get(name, (1.0, math.inf, 0.0, math.nan)) for name in form.names]
+    ).T
     columns, run, rates = form.columns(collects.conditions), collects.conditions.run, 0.0 * collects.rates_deg_per_hr
     ranks = {
         r: solve_rates(columns[rows], rates[rows], 1.0).rank for r, rows in collects.conditions.of_each_run.items()
@@ -265,7 +271,7 @@ def layout_of(
     if not np.all(whole):
         without = ", ".join(f"{each:z.1f} °C" for each in stations.centre_degC[~whole])
         notes.append(f"sensor {number}: no run tells every parameter at {without}; left out")
-        spread = Visits(Layout(collects, form, columns, stations, 0.0, 1.0, factor, residuals, common)).spread
+        spread = Visits(Layout(collects, form, columns, stations, 0.0, 1.0, factor, residuals, common, alone)).spread
         keep = whole[stations.number]
         collects, columns = collects.rows(keep), columns[keep]
         number_of = np.cumsum(whole) - 1
@@ -280,7 +286,7 @@ def layout_of(
     if half < _MOVES_DEGC:
         shown = f"temperature_degC is {own.mean():z.1f} °C at every setpoint"
         raise InputError(f"sensor {number}: {shown}: look at that column, there is nothing to fit against")
-    known = factor, residuals, common, spread
+    known = factor, residuals, common, alone, spread
     layout = Layout(collects, form, columns, stations, float(np.round(middle)), half, *known)
     if layout.hysteresis:
         middles = "values are the middle between both directions; without their difference, which the means and ± of"

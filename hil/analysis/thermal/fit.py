@@ -121,7 +121,8 @@ class SensorFit:
         number = collects.conditions.sensor.number
         if not shown.stated and np.isfinite(shown.left_deg_per_hr).all():
             collects = replace(collects, rates_se_deg_per_hr=shown.noise(collects.rates_se_deg_per_hr))
-        of_errors = shown.spread.factor, shown.spread.residuals, shown.spread.common
+        alone = np.array([shown.between.alone.get(name, np.nan) for name in shown.names])
+        of_errors = shown.spread.factor, shown.spread.residuals, shown.spread.common, alone
         known = np.stack(np.broadcast_arrays(*of_errors), axis=1)
         factor_of = dict(zip(shown.names, known.tolist(), strict=True))
         layout, notes = layout_of(number, collects, model, apart_degC, factor_of, as_zero)
