@@ -6,11 +6,12 @@
     found.judged[5]           # no run is a PASS that others contradict across a jump
 
 Of each parameter all is asked at once, and of all temperatures together: every recorded column, time, the way to a
-temperature, a jump between any two runs, and a run that alone is another. What scatters is what each leaves (an F
-test), and the best of them is told where so much is hardly chance of any that was tried. Where visits to a temperature
-differ by more than runs of one do, the means of visits are compared: runs of one have in common what history made of
-them. A jump is told where neither a column, nor a drift, nor the way to a temperature comes near to it: of runs before
-and after it, at one temperature, each measures another unit.
+temperature, a jump between any two runs, a run that alone is another, and one temperature at which values scatter more.
+What scatters is what each leaves (an F test), and the best of them is told where so much is hardly chance of any that
+was tried. Where visits to a temperature differ by more than runs of one do, the means of visits are compared: runs of
+one have in common what history made of them. A jump is told where neither a column, nor a drift, nor the way to a
+temperature comes near to it: of runs before and after it, at one temperature, each measures another unit. Where values
+scatter more at one temperature, and nothing explains it, its runs contradict each other, too.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -34,7 +35,7 @@ from hil.solve.temperatures import (
 )
 from hil.solve.uncertain import RARE, Spread
 from procedures.verdict import Judgement, Verdict
-from procedures.words import listed
+from procedures.words import listed, numbered
 
 NO_NOISE = "what a recorded column explains of it is no noise; hil reconcile looks"
 """Said where what repeats scatter by is taken for what changes from run to run by itself."""
@@ -73,13 +74,15 @@ class BetweenRuns:
     """What explains what a sensor's runs of one temperature differ by, by parameter: columns to `follow`, or `jumps`.
 
     `apart` are the runs at temperatures that were measured before and after a jump; none where no temperature was
-    recorded, which may be what jumps. `of_visits` are parameters that differ between visits to a temperature. `agrees`
+    recorded, which may be what jumps. `uneven` are those at a temperature at which a parameter scatters more than at
+    others, and nothing tells why. `of_visits` are parameters that differ between visits to a temperature. `agrees`
     says whether values repeat where the setpoint or where the thermometer is the same, if these contradict each other.
     """
 
     follow: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     jumps: Mapping[str, Jump] = field(default_factory=dict)
     apart: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+    uneven: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
     of_visits: Sequence[str] = ()
     agrees: Sequence[str] = ()
 
@@ -112,8 +115,17 @@ class BetweenRuns:
     def judged(self) -> dict[int, Judgement]:
         """Return by run the judgement that it has at best: others, across a jump, contradict it."""
         found = {}
-        for run in sorted({run for of in self.apart.values() for run in of}):
+        for run in sorted({run for of in (*self.apart.values(), *self.uneven.values()) for run in of}):
             said = self._jumps(name for name, of in self.apart.items() if run in of)
+            alike = dict[tuple[int, ...], list[str]]()
+            for name, of in self.uneven.items():
+                if run in of:
+                    alike.setdefault(of, []).append(name)
+            said += [
+                f"{listed(names)} differ{'s' * (len(names) == 1)} in {numbered('run', of)}, of one temperature, by "
+                "more than at others: hil reconcile asks what it is"
+                for of, names in alike.items()
+            ]
             found[run] = Judgement(Verdict.MARGINAL, "; ".join(said))
         return found
 
@@ -169,7 +181,12 @@ def between_runs(
                         apart[name] = tuple(number[here[step.runs]].tolist())
         places = [(jump.before, jump.after) for jump in jumps.values()] if places is None else []
     of_visits = [name for name, more in zip(units, differ, strict=True) if more]
-    return BetweenRuns(follow, jumps, apart, of_visits, _agrees(number, values, errors, conditions))
+    uneven = dict[str, tuple[int, ...]]()
+    for p, name in enumerate(units):
+        if spread.uneven[p] and spread.certain[p] and name not in {*follow, *jumps, *of_visits}:
+            squares = [np.nanvar(values[group == k, p]) for k in range(group.max() + 1)]
+            uneven[name] = tuple(sorted(number[group == int(np.nanargmax(squares))].tolist()))
+    return BetweenRuns(follow, jumps, apart, uneven, of_visits, _agrees(number, values, errors, conditions))
 
 
 def _agrees(number: IntArray, values: FloatArray, errors: FloatArray, conditions: Conditions) -> list[str]:
@@ -285,11 +302,12 @@ class _Compared:
             seen_at &= np.any([(ends[0] >= one) & (ends[1] <= other) for one, other in places], axis=0)
         there = np.flatnonzero(seen_at)
         (product, norm), (first, last) = (product[there], norm[there]), (first[there], last[there])
-        left = whole - product**2 / norm
+        left, tried = whole - product**2 / norm, [*self._tried(drivers, seen)]
         of_steps = _score(left, whole, freedom, _JUMP)
-        tried = [*self._tried(drivers, seen)]
         of_drivers = np.array([_score(whole - shown, whole, freedom, q) for _, shown, q in tried])
         best_step, best = of_steps.min(initial=np.inf), of_drivers.min(initial=np.inf)
+        if self._uneven(seen, whole, freedom) < min(best_step, best):  # which no one run, nor column, makes
+            return (), None
         among = len(there) + len(tried) * (places is None)
         if best_step + _BETTER < best:
             k, alike = int(np.argmin(of_steps)), of_steps < best_step + _BETTER
@@ -309,6 +327,16 @@ class _Compared:
             if _chance(whole - shown, whole, freedom, fitted) * among < RARE:
                 return tuple(names), None
         return (), None
+
+    def _uneven(self, seen: FloatArray, whole: float, freedom: int) -> float:
+        """Return the score of values that scatter more at one temperature, whichever that is best."""
+        squares, count = _sums(self.group, seen**2), np.bincount(self.group) - 1.0
+        here, rest = squares / np.maximum(count, 1.0), np.maximum(whole - squares, _NOTHING * whole)
+        others = rest / np.maximum(freedom - count, 1.0)
+        more = (count > 0.0) & (here > others)
+        logs = count * np.log(np.where(more, here, 1.0)) + (freedom - count) * np.log(others)
+        scores = logs - freedom * np.log(whole / freedom) + _JUMP * np.log(freedom)
+        return float(np.min(scores, where=more, initial=np.inf))
 
     def _tried(self, drivers: Sequence[tuple[str, FloatArray]], seen: FloatArray) -> Iterator[tuple[str, float, int]]:
         """Yield by name the squares of what is seen that each of some columns (r, q) explains, and by how many."""

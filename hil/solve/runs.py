@@ -156,14 +156,22 @@ def solve_campaign(campaign: Campaign, model_name: str | None = None, sensor: in
         among = _of_as_many([(float(of), each.degrees) for of, each in zip(left, solved, strict=True) if each.tells])
         own = [_described(number, each, among, wrong.collects, beside) for each in solved]
         runs, layout = set(used[number].conditions.run.tolist()), used[number].conditions.sensor
-        noise, _ = noise_left([each.left_over for each in own if not runs.isdisjoint(each.runs)], len(layout.channels))
+        told = [each for each in own if not runs.isdisjoint(each.runs)]
+        noise, _ = noise_left([each.left_over for each in told], len(layout.channels))
         times = float(beside.differ.times.max())
-        between = _between([e for e in own if not runs.isdisjoint(e.runs)], noise, beside.differ, used[number])
+        between = BetweenRuns()
+        if told and all(each.run is not None for each in told):
+            units, values, errors = told_by_runs(told, noise)
+            errors *= [[beside.differ.larger_in(each.runs).max()] for each in told]
+            first = [each.runs[0] for each in told]
+            between = between_runs(units, first, values, errors, used[number].conditions)
         contradicted = between.judged
         for each in own:  # by how well its collects tell it, too, of this noise where they state none, or far too much
-            told = each.by_noise(noise)
-            errors = {n: (None if of.se is None else min(times, 1.0) * of.se, of.unit) for n, of in told.items()}
-            judged = measured_well_enough(errors, layout, campaign.largest_se)
+            own_errors = {
+                name: (None if of.se is None else min(times, 1.0) * of.se, of.unit)
+                for name, of in each.by_noise(noise).items()
+            }
+            judged = measured_well_enough(own_errors, layout, campaign.largest_se)
             apart = [contradicted[run] for run in each.runs if run in contradicted]
             found.append(replace(each, beside=(*each.beside, *apart, judged), between=between))
     return sorted(found, key=lambda each: (each.runs[0], each.sensor))
@@ -178,15 +186,6 @@ def told_by_runs(own: Sequence[RunSolution], noise: FloatArray) -> tuple[dict[st
     told = [[of.get(name, Estimate(None, None, "")) for name in units] for of in (e.by_noise(noise) for e in own)]
     values, errors = (np.array([[getattr(e, a) for e in of] for of in told], np.float64) for a in ("value", "se"))
     return units, values, errors
-
-
-def _between(own: Sequence[RunSolution], noise: FloatArray, differ: Changes, used: Collects) -> BetweenRuns:
-    """Return what explains what single runs differ by, beside errors as large as averages `differ` by at each."""
-    if not own or any(each.run is None for each in own):
-        return BetweenRuns()
-    units, values, errors = told_by_runs(own, noise)
-    larger = np.array([[differ.larger_in(each.runs).max()] for each in own])
-    return between_runs(units, [each.runs[0] for each in own], values, larger * errors, used.conditions)
 
 
 @dataclass(frozen=True)

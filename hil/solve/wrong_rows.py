@@ -39,7 +39,7 @@ _DONE = {
     "bias": (
         USED,
         Verdict.MARGINAL,
-        "; the whole run is off by the same: its bias was another, as means and ± of the bias include",
+        "; the whole run is off by the same: its bias was another",
         "",
     ),
     "run": (

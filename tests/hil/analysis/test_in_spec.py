@@ -66,7 +66,7 @@ def test_what_scatters_more_at_one_temperature_is_nobody_s_to_judge_by_one_uncer
     """The value alone may still decide, where the limits say so."""
     one = night(runs=6)
     rates = one.sensors[2].rates_deg_per_hr.copy()
-    rates[:18, 0] += np.repeat(np.random.default_rng(1).normal(0.0, 6.0, 6), 3)
+    rates[:18, 0] += np.repeat(np.random.default_rng(3).normal(0.0, 6.0, 6), 3)
     cold = replace(one, sensors={2: replace(one.sensors[2], rates_deg_per_hr=rates)})
     rule = limits({"BA": {"low": "0 deg/hr", "high": "50 deg/hr"}})
     assert judged(one, rule).word is Word.IN

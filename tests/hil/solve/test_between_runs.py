@@ -148,13 +148,22 @@ def test_visits_that_differ_are_compared_as_visits() -> None:
 @pytest.mark.parametrize("run", [5, 8])
 def test_one_run_that_is_another_than_all_that_repeat_it_is_accused_alone(run: int) -> None:
     """Three runs at each temperature: PASS with a ± of 4 deg/hr/g for all before, where reconcile leaves it out."""
-    solutions = solve_campaign(with_mua(repeated(15, 3, (0, 1, 2, 2)), lambda runs: 15.0 * (runs == run)))
+    sound = repeated(15, 3, (0, 1, 2, 2))
+    made = with_mua(sound, lambda runs: 15.0 * (runs == run))
+    solutions = solve_campaign(made)
     jump = solutions[0].between.jumps["MUA"]
     assert (jump.before, jump.after, jump.alone, jump.size) == (run, run, True, pytest.approx(15.0, abs=2.5))
     by = f"MUA is another by {jump.size:+.3g} ± {jump.sd:.2g} deg/hr/g"
     assert {each.run: each.reason.split("; ")[0] for each in solutions if each.verdict is Verdict.MARGINAL} == {
-        run: f"{by} in run {run} alone: hil reconcile asks what it is"
+        run: f"{by} in run {run} alone, and in no mean: hil reconcile asks what it is"
     }
+    shown, before = (repeats(of, solve_campaign(of))[2] for of in (made, sound))
+    (mean,) = (each for each in shown.means if run in each.runs)
+    assert {name for name in shown.names if run not in shown.runs_of(mean, name)} == {"MUA"}
+    assert mean.values["MUA"].runs == len(mean.runs) - 1
+    place = shown.names.index("MUA")
+    assert shown.spread.degrees[place] == before.spread.degrees[place] - 1
+    assert shown.spread.observed[place] < 1.5 * before.spread.observed[place]  # 5 and more with it
 
 
 def test_a_run_at_an_end_of_its_visit_may_be_another_or_the_unit_from_there_on() -> None:
@@ -229,3 +238,15 @@ def test_where_one_value_jumps_another_is_seen_to_by_less_than_elsewhere() -> No
     assert sum("BB" in each for each in alone) <= 4
     assert not any("BA" in each for each in alone)
     assert {(jump.before, jump.after) for each in beside for jump in each.values()} == {(5, 5)}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [2, 4, 5, 6])
+def test_runs_of_a_temperature_at_which_values_scatter_more_are_no_pass_and_none_is_accused_alone(seed: int) -> None:
+    """MUA is another in each of six runs of one temperature, and in no other run: no jump, and no odd run."""
+    of_run = np.append(np.random.default_rng(seed).normal(0.0, 8.0, 6), np.zeros(18))
+    solutions = solve_campaign(with_mua(repeated(24, 6, (0, 1, 2, 2), seed), lambda runs: of_run[runs - 1]))
+    assert solutions[0].between.jumps == {}
+    assert solutions[0].between.uneven == {"MUA": (1, 2, 3, 4, 5, 6)}
+    assert {each.run for each in solutions if each.verdict is Verdict.MARGINAL} == {1, 2, 3, 4, 5, 6}
+    assert "MUA differs in runs 1–6, of one temperature, by more than at others" in solutions[0].reason

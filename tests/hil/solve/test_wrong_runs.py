@@ -18,14 +18,17 @@ from tests.hil.solve.test_wrong_rows import made
 
 
 def test_a_run_with_another_bias_is_used_and_named() -> None:
-    """All three collects of run 5 off by the same: that is what its bias was, and may be again: it is in the ±."""
+    """All three collects of run 5 off by the same: its bias is in no mean, nor in others' ±; all else is."""
     good = made("good")
     rows = good.sensors[2]
     rates = rows.rates_deg_per_hr + 60.0 * np.outer(rows.conditions.run == 5, (1.0, 0.0))
     moved = with_rates(good, rates)
     found = wrong_rows(moved)[2]
     assert ([(row.run, row.done) for row in found.rows], found.apart) == ([(5, USED)], set())
-    assert repeats(moved, solve_campaign(moved))[2].means[1].values["BA"].sd > 5.0
+    shown, sound = (repeats(of, solve_campaign(of))[2] for of in (moved, good))
+    values, usual = (of.means[1].values for of in (shown, sound))
+    assert (values["BA"].runs, values["GSA"].runs) == (usual["BA"].runs - 1, usual["GSA"].runs)
+    assert values["BA"].sd < 2.0 * usual["BA"].sd
 
 
 def test_a_run_of_which_nothing_holds_is_in_no_mean_and_widens_no_other() -> None:
