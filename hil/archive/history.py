@@ -23,6 +23,7 @@ from hil.campaign import BoolArray, FloatArray
 from hil.errors import InputError
 from hil.files.document import picked, plain
 from hil.files.strict import near
+from hil.solve.temperatures import ELSEWHERE_DEGC
 from hil.solve.uncertain import Uncertain
 from procedures.verdict import NOT_GOOD
 from procedures.words import listed
@@ -77,7 +78,8 @@ def history(index: Index, serial: str, model: str | None = None, limits: Limits 
     found = list(_parameters(means, {each.name: each.began_utc for each in used}, limits))
     parameters, kind, changes = [document for document, _ in found], good[-1], _changes(good, settings)
     said += _not_judged(limits, kind.model, parameters)
-    said += _not_compared(parameters, {each.name: each.began_utc[:10] for each in used})
+    days = {each.name: each.began_utc[:10] for each in used}
+    said += [*_not_compared(parameters, days), *_elsewhere(means, days)]
     day, why = _next(parameters, limits, used[-1].began_utc if used else "", judged=any(told for _, told in found))
     return {
         "schema": "hil.history/1",
@@ -160,6 +162,25 @@ def _not_compared(parameters: Sequence[Mapping[str, Any]], days: Mapping[str, st
                 f"{listed(days[each] for each in apart)}: {share} no temperature with the other calibrations, and "
                 f"nothing of {one} is compared with these: {which}"
             )
+
+
+def _elsewhere(means: Sequence[ArchivedMean], days: Mapping[str, str]) -> Iterator[str]:
+    """Yield of which calibrations the unit's thermometer showed another temperature than it usually does there."""
+    off = dict[tuple[int, str], dict[float, float]]()
+    for at, of in trends.stations_of(means).items():
+        for sensor in sorted({each.sensor for each in of}):
+            own = {each.entry: each.own_degC for each in of if each.sensor == sensor and each.own_degC is not None}
+            beside = {entry: degC - float(np.median([*own.values()])) for entry, degC in own.items()}
+            for entry, degC in beside.items():
+                if at is not None and abs(degC) > ELSEWHERE_DEGC:
+                    off.setdefault((sensor, entry), {})[at] = degC
+    for (sensor, entry), by in off.items():
+        least, most = (f"{of(by.values()):+.1f}" for of in (min, max))
+        yield (
+            f"{days[entry]}: sensor {sensor}'s own thermometer shows {least}{f' to {most}' * (least != most)} °C "
+            f"beside what it usually does at {listed(f'{at:z.0f}' for at in by)} °C: it is off, or the unit was "
+            "elsewhere; values are brought to what is usual, and hil report --against compares none of these"
+        )
 
 
 def _changes(good: Sequence[Entry], settings: Mapping[str, Mapping[str, Any]]) -> dict[str, list[str]]:

@@ -1,4 +1,4 @@
-"""Solving beside a model file: what its terms explain is taken off the rates, what it states of noise is in the errors.
+"""Solving beside what is known: what a model's terms explain is off the rates, what it states of noise is in errors.
 
     campaign, model = read_campaign("night"), load_model("model.yaml")
     solutions = solve_campaign(beside(campaign, model), model.form)
@@ -7,7 +7,7 @@ So the improved model that reconcile writes gives parameters that are no longer 
 is held against no less noise than reconcile holds it against. Whatever else is asked of the campaign is asked of this.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -20,9 +20,27 @@ from hil.model.effects.columns import flattened
 from hil.model.effects.scatter import Scatter
 from hil.model.forms import default_form
 from hil.solve.identifiability import orthonormal, project_out
+from hil.solve.repeats import Grouping, SensorRepeats, repeats
 from hil.solve.runs import RunSolution, solve_campaign
+from hil.solve.temperatures import runs_by_temperature
 
 _NOTHING = 1e-6  # deg/hr, at 1 g: less is what arithmetic leaves
+
+
+def beside_usual(
+    campaign: Campaign, usual: Callable[[Conditions], FloatArray], alike: Grouping = runs_by_temperature
+) -> tuple[Campaign, dict[int, SensorRepeats], frozenset[int]]:
+    """Return what repeats show, with `usual` errors (n, c) of sensors whose noise neither errors nor residuals tell.
+
+    Repeats tell how many times as large these are. With it the campaign with them, and whose they are.
+    """
+    shown = repeats(campaign, solve_campaign(campaign), alike)
+    told_by_no_one = {n for n, each in shown.items() if not each.stated and np.isnan(each.left_deg_per_hr).all()}
+    if told_by_no_one:
+        sensors = {n: replace(of, rates_se_deg_per_hr=usual(of.conditions)) for n, of in campaign.sensors.items()}
+        campaign = replace(campaign, sensors={**campaign.sensors, **{n: sensors[n] for n in told_by_no_one}})
+        shown = repeats(campaign, solve_campaign(campaign), alike)
+    return campaign, shown, frozenset(told_by_no_one)
 
 
 def solve_beside(campaign: Campaign, model: Model) -> list[RunSolution]:

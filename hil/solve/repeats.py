@@ -40,7 +40,7 @@ from hil.solve.temperatures import (
     unit_range_degC,
     visits,
 )
-from hil.solve.uncertain import RARE, MeanAt, Spread, Uncertain
+from hil.solve.uncertain import RARE, MeanAt, Spread, Uncertain, gathered, means_at
 from hil.solve.wrong_rows import treated
 from procedures.words import counted, listed, numbered, significant
 
@@ -309,26 +309,11 @@ def means_of(
     group: IntArray,
     at: Sequence[tuple[float | None, tuple[int, ...]]],
     spread: Spread,
+    together: IntArray | None = None,
 ) -> SensorRepeats:
-    """Return the means of r runs' values (r, p), NaN where not told, with standard errors (r, p), and their `spread`.
-
-    `at` are the temperatures with their runs, `group` (r,) says at which of them each run was made.
-    """
-    (sd, alike), means, names = spread.parts(errors), [], tuple(units)
-    for k, (temperature, runs) in enumerate(at):
-        mean, scatter = {}, {}
-        for p, name in enumerate(names):
-            here = (group == k) & np.isfinite(values[:, p])
-            if count := int(here.sum()):
-                told = np.all(sd[here, p] > 0.0)  # else nothing says of which run more is known
-                share = sd[here, p] ** -2.0 if told else np.ones(count)
-                share /= share.sum()
-                error = math.hypot(*(share * sd[here, p]), share @ alike[here, p])
-                known = float(spread.freedom[p]), count, units[name], spread.beyond_of(p)
-                mean[name] = Uncertain(float(share @ values[here, p]), error, *known)
-                scatter[name] = float(np.std(values[here, p], ddof=1)) if count > 1 else math.nan
-        means.append(MeanAt(temperature, runs, mean, scatter))
-    return SensorRepeats(names, tuple(units.values()), spread, spread, means)
+    """Return what `means_at` gives of r runs' values (r, p), with standard errors (r, p), and their `spread`."""
+    means = means_at(units, values, errors, group, at, spread, together)
+    return SensorRepeats(tuple(units), tuple(units.values()), spread, spread, means)
 
 
 def _of_sensor(
@@ -369,9 +354,14 @@ def _of_sensor(
     residuals = np.minimum(known, shares @ known_by if np.isfinite(known_by).all() else math.inf)
     changing = np.sqrt(variance.sum(axis=1) - common)
     beyond = np.array([run_scatter.get(name, 0.0) for name in units])
-    spread = Spread.of(values, errors, group, changing, residuals, np.sqrt(common), beyond)
-    shown = replace(means_of(units, values, errors, group, at, spread), left_deg_per_hr=noise)
-    by_noise = Spread.of(values, errors, group, np.sqrt(shares @ noise_times**2), residuals, stated_beyond=beyond)
+    of_visits = own[0].between.of_visits if grouped is runs_by_temperature else ()  # else visits stand apart
+    visit = np.array([next(k for k, (_, runs) in enumerate(visits(conditions)) if e.runs[0] in runs) for e in own])
+    by_visit = np.isin(list(units), of_visits)
+    one_each = gathered(values, errors, visit, by_visit)  # runs of a visit have in common what history made of them
+    spread = Spread.of(*one_each, group, changing, residuals, np.sqrt(common), beyond)
+    together = np.where(by_visit, visit[:, None], np.arange(len(own))[:, None])
+    shown = replace(means_of(units, values, errors, group, at, spread, together), left_deg_per_hr=noise)
+    by_noise = Spread.of(*one_each, group, np.sqrt(shares @ noise_times**2), residuals, stated_beyond=beyond)
     alike = np.nan_to_num(spread.parts(errors)[1]).tolist()
     return replace(
         shown,
@@ -395,6 +385,6 @@ def _of_sensor(
         to_record=to_record_of((n for n, odd in zip(units, by_noise.certain, strict=True) if odd), conditions),
         stated=stated,
         visited_once=[_VISITED_ONCE] * (1 < len(visited) == len(set(visited))),
-        of_visits=own[0].between.of_visits if grouped is runs_by_temperature else (),  # else visits stand apart
+        of_visits=of_visits,
         noise_told=bool(freedom.sum() + differ.freedom.sum() > 0.5 or np.isfinite(noise).all()),
     )

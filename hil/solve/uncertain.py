@@ -1,7 +1,7 @@
 """How well values are known: a value with its standard deviation and interval, and what runs scatter by."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
@@ -218,6 +218,60 @@ class Spread:
         chance = fdtrc(np.maximum(self.degrees, 1), known, self.times**2)
         more = (self.stated <= 0.0) | (chance * np.count_nonzero(self.degrees) < RARE)
         return np.asarray((self.observed > 0.0) & more)  # NaN where nothing was repeated
+
+
+def gathered(values: FloatArray, errors: FloatArray, place: IntArray, some: BoolArray) -> tuple[FloatArray, FloatArray]:
+    """Return values and errors (r, p) of which `some` (p,) are one for each `place` (r,): its mean, in its first row.
+
+    What is NaN was not told; of a place of which any error is not known all weigh alike.
+    """
+    values, errors = values.copy(), errors.copy()
+    for p in np.flatnonzero(some):
+        for k in np.unique(place):
+            own = np.flatnonzero((place == k) & np.isfinite(values[:, p]))
+            if len(own) > 1:
+                share = _shares(errors[own, p])
+                mean = share @ values[own, p], np.linalg.norm(share * errors[own, p])
+                values[own, p] = errors[own, p] = np.nan
+                values[own[0], p], errors[own[0], p] = mean
+    return values, errors
+
+
+def means_at(
+    units: Mapping[str, str],
+    values: FloatArray,
+    errors: FloatArray,
+    group: IntArray,
+    at: Sequence[tuple[float | None, tuple[int, ...]]],
+    spread: Spread,
+    together: IntArray | None = None,
+) -> list[MeanAt]:
+    """Return the means of r runs' values (r, p), NaN where not told, with standard errors (r, p), by their `spread`.
+
+    `at` are the temperatures with their runs, `group` (r,) says at which of them each run was made; runs that are
+    `together` (r, p) have in common what is beyond their errors.
+    """
+    (sd, alike), means, each = spread.parts(errors), [], np.arange(len(values))
+    for k, (temperature, runs) in enumerate(at):
+        mean, scatter = {}, {}
+        for p, name in enumerate(units):
+            here = (group == k) & np.isfinite(values[:, p])
+            if count := int(here.sum()):
+                share, beyond = _shares(sd[here, p]), spread.beyond[p]
+                in_common = np.bincount((each if together is None else together[:, p])[here], share)
+                own = np.sqrt(np.maximum(sd[here, p] ** 2 - beyond**2, 0.0))
+                error = math.hypot(*(share * own), *(in_common * beyond), share @ alike[here, p])
+                known = float(spread.freedom[p]), count, units[name], spread.beyond_of(p)
+                mean[name] = Uncertain(float(share @ values[here, p]), error, *known)
+                scatter[name] = float(np.std(values[here, p], ddof=1)) if count > 1 else math.nan
+        means.append(MeanAt(temperature, runs, mean, scatter))
+    return means
+
+
+def _shares(errors: FloatArray) -> FloatArray:
+    """Return what each weighs of all by its error; alike where nothing says of which more is known."""
+    weight = errors**-2.0 if np.all(errors > 0.0) else np.ones(len(errors))
+    return np.asarray(weight / weight.sum())
 
 
 def uneven(times: FloatArray, degrees: FloatArray) -> BoolArray:

@@ -26,6 +26,7 @@ from hil.model import Model, fitting_conditions, load_model
 from hil.model.effects.base import Base
 from hil.model.effects.geometry import local_frame
 from hil.model.forms import LinearForm, default_form
+from hil.solve.beside_terms import beside_usual
 from hil.solve.precision import stated_noise
 from hil.solve.repeats import SensorRepeats
 from hil.solve.runs import solve_rates
@@ -104,27 +105,28 @@ def measured_scenes(
     `shown` is what repeats show. Runs that FAIL by their own records, which are in no mean, are left out.
     """
     used = treated(campaign).sensors
-    return {number: list(_measured_runs(rows, bench, shown.get(number), model)) for number, rows in used.items()}
+    _, by_usual, assumed = beside_usual(campaign, bench.uncertainties.of_collects) if shown else (campaign, {}, ())
+    by = {**shown, **{number: by_usual[number] for number in assumed}}
+    return {number: list(_measured_runs(rows, bench, by.get(number), model)) for number, rows in used.items()}
 
 
 def _measured_runs(
     collects: Collects, bench: Bench, shown: SensorRepeats | None, model: Model | None
 ) -> Iterator[RunScene]:
-    times, measured_by = (1.0, MEASURED) if shown is None else (shown.noise_times, shown.noise_by(MEASURED))
+    usual = f"angle_random_walk {bench.uncertainties.angle_random_walk:g} deg/√hr over the collect"
     measured = collects.rows(~np.all(np.isnan(collects.rates_deg_per_hr), axis=1))
     for run, here in measured.conditions.of_each_run.items():
         rows = measured.rows(here)
         conditions = rows.conditions
         form = default_form(conditions)
         stated = stated_noise(rows)
+        sigma, noise_by = (bench.uncertainties.of_collects(conditions), usual) if stated is None else (stated, MEASURED)
         noisy: FloatArray | float = 1.0
-        sigma, told = bench.uncertainties.of_collects(conditions), bench.uncertainties.angle_random_walk
-        noise_by = f"angle_random_walk {told:g} deg/√hr over the collect"
-        if stated is not None:
-            sigma, noisy, noise_by = stated, times, measured_by
-        elif shown is not None and np.all(shown.left_deg_per_hr > _EXACT):
+        if shown is not None and not shown.stated and np.all(shown.left_deg_per_hr > _EXACT):
             sigma, noisy = np.ones(sigma.shape), shown.left_deg_per_hr  # all weigh alike
             noise_by = "residuals of all runs; no errors are stated"
+        elif shown is not None:
+            noisy, noise_by = shown.noise_times, shown.noise_by(noise_by)
         given = sources(bench.uncertainties, bench.name, *_slope(conditions), noise_by)
         base, origin = _base(conditions, model) if model is not None else _solved(rows, form)
         axes = _axes(conditions, bench)

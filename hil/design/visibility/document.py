@@ -27,8 +27,7 @@ from hil.model import Model, fitting_campaign, fitting_conditions
 from hil.model.effects.catalogue import EFFECTS, FORM_EFFECTS, SERIES_EFFECTS, VARIANCE_EFFECTS
 from hil.model.effects.document import shape_in_words
 from hil.model.effects.prior import ALPHA
-from hil.solve import repeats, solve_campaign
-from hil.solve.beside_terms import beside, scatter_of_runs
+from hil.solve.beside_terms import beside, beside_usual, scatter_of_runs
 from hil.solve.between_runs import NO_NOISE
 from hil.solve.changes import CHANGES, Change
 from hil.solve.omissions import in_words, what_is_wrong
@@ -186,18 +185,10 @@ def campaign_document(
         campaign = beside(campaign, model)
         told = {"taken_off": model.full_title, **told} if model.terms else told
         told = {"noise_of": model.full_title, **told} if model.noise else told
-    shown = repeats(campaign, solve_campaign(campaign), runs_made_alike)
-    assumed = {number for number, each in shown.items() if not each.stated and np.isnan(each.left_deg_per_hr).all()}
-    if assumed:
-        usual = NoiseLevel().collect_deg_per_hr  # repeats show what is beyond
-        typical = {
-            n: replace(rows, rates_se_deg_per_hr=np.full_like(rows.rates_se_deg_per_hr, usual))
-            if n in assumed
-            else rows
-            for n, rows in campaign.sensors.items()
-        }
-        campaign = replace(campaign, sensors=typical)
-        shown = repeats(campaign, solve_campaign(campaign), runs_made_alike)
+    usual = NoiseLevel().collect_deg_per_hr  # repeats show what is beyond
+    campaign, shown, assumed = beside_usual(
+        campaign, lambda conditions: np.full(conditions.w_channels_deg_per_hr.shape, usual), runs_made_alike
+    )
     used = with_stand_ins(usable(treated(campaign))).sensors
     conditions = {number: rows.conditions for number, rows in used.items()}
     sigmas = {  # as large as residuals and repeats show them to be

@@ -83,6 +83,24 @@ def test_a_newest_calibration_taken_elsewhere_is_not_outside_its_limits() -> Non
     assert outside(0.0, 1.0) == [True] * 3
 
 
+def test_a_thermometer_that_shows_another_temperature_than_usual_is_said() -> None:
+    """A comparison of two such campaigns refuses them; a history had laid them together without a word."""
+    for off_degC in (-2.5, 1.5):
+        means, entries = [], []
+        for number in range(3):
+            name, began = f"unit-1/{number:02d}", f"{2010 + number}-01-01T00:00:00+00:00"
+            entries.append(Entry(name, "", "1", "", began_utc=began, ended_utc=began, good=True))
+            for asked in (-20.0, 60.0):
+                own = asked + off_degC * (number == 2)
+                means.append(ArchivedMean(name, 2, "BA", asked, own, Uncertain(SLOPE * own, SD, 10.0, 3, "deg/hr")))
+        said = known(entries, means)["said"]
+        assert [each.partition(":")[0] for each in said] == ["2012-01-01"] * (off_degC < -2.0)
+        assert (
+            not said
+            or "sensor 2's own thermometer shows -2.5 °C beside what it usually does at -20 and 60 °C" in said[0]
+        )
+
+
 def test_calibrations_that_share_no_temperature_are_held_against_none_of_the_others() -> None:
     """Every second one at another temperature only, where the value is another: nothing scatters, and it is said."""
     rng, means, entries = np.random.default_rng(5), [], []

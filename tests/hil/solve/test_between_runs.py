@@ -250,3 +250,17 @@ def test_runs_of_a_temperature_at_which_values_scatter_more_are_no_pass_and_none
     assert solutions[0].between.uneven == {"MUA": (1, 2, 3, 4, 5, 6)}
     assert {each.run for each in solutions if each.verdict is Verdict.MARGINAL} == {1, 2, 3, 4, 5, 6}
     assert "MUA differs in runs 1–6, of one temperature, by more than at others" in solutions[0].reason
+
+
+@pytest.mark.slow
+def test_what_visits_differ_by_does_not_average_within_a_visit() -> None:
+    """Two runs in each of two visits to a temperature, MUA 12 apart: of four runs its ± had been half of one's."""
+    one = visited(np.repeat([0, 1, 2, 3, 2, 1, 0], 2).tolist(), scatter=0.0)
+    made = with_mua(one, lambda runs: 12.0 * (runs > 8))
+    shown = repeats(made, solve_campaign(made))[2]
+    assert list(shown.of_visits) == ["MUA"]
+    beyond = shown.spread.beyond[shown.names.index("MUA")]
+    assert beyond == pytest.approx(12.0 / np.sqrt(2.0), rel=0.1)
+    for mean in shown.means:
+        assert mean.values["MUA"].sd == pytest.approx(beyond / np.sqrt(len(mean.runs) / 2), rel=0.05)
+        assert mean.values["BA"].sd < 1.0
