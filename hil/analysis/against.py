@@ -174,9 +174,9 @@ class Comparison:
         levels: dict[str, list[str]] = {}
         for (_, degC), why in self.without.items():
             levels.setdefault(why, []).append("no recorded temperature" if degC is None else f"{degC:z.0f} °C")
-        told = [f"at {listed(list(dict.fromkeys(at)))} {why}" for why, at in levels.items()]
-        more = f"; and {len(told) - 1} more (below)" if len(told) > 1 else ""
-        return "".join(told[:1]) + more or "no sensor has a parameter in both"
+        why, at = next(iter(levels.items()), ("no sensor has a parameter in both", []))
+        rest = len(self.without) - len(at)
+        return f"at {listed(list(dict.fromkeys(at)))} " * bool(at) + why + f"; and {rest} more (below)" * (rest > 0)
 
     @property
     def first(self) -> Sequence[Difference]:
@@ -206,7 +206,8 @@ def _not_comparable(mean: MeanAt, match: MeanAt | None, moving: Sequence[Mapping
     own = match.unit_degC
     if own is None or not apart(own, mean.unit_degC):
         return ""
-    return f"not the same temperature: in the earlier campaign the unit was at {own[0]:.1f} … {own[1]:.1f} °C"
+    at = " … ".join(dict.fromkeys(f"{each:.1f}" for each in own))
+    return f"not the same temperature: in the earlier campaign the unit was at {at} °C"
 
 
 def _itself(campaign: Campaign, earlier: Campaign) -> Iterator[str]:
