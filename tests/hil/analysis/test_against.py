@@ -161,7 +161,7 @@ def test_a_setpoint_at_which_the_unit_was_at_another_temperature_is_not_compared
     for now, before, why in (
         (rising, first, said),
         (first, rising, f"the earlier campaign's {said}"),
-        (elsewhere, first, f"in the earlier campaign the unit was at {own:.1f} … {own:.1f} °C"),
+        (elsewhere, first, f"in the earlier campaign the unit was at {own:.1f} °C"),
     ):
         found = Comparison(changed(now, add=50.0), before)
         assert {each.temperature_degC for each in found.differences}.isdisjoint({mean.temperature_degC})
