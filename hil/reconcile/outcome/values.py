@@ -26,6 +26,7 @@ from hil.solve.temperatures import at_no_temperature, same_temperature, told_by
 
 _CHANGED = 0.1  # of what changes most
 _DIGITS = 9
+_FROM = "from_run"  # of the shape of what steps
 
 
 def before_and_after(
@@ -39,9 +40,10 @@ def before_and_after(
     """Return what each parameter that the terms change is in a model before and after: key `values`.
 
     That is at three temperatures of the thermometer that curves are of and, of what lasts from a time on, in the first
-    and the last run there. What parameters do with temperature and time is theirs, by whichever of effects that look
-    the same (`alike`, by the id of a term's); what else was found stands beside them. A model is told by the
-    parameters that its rates would be solved for, whatever its own are.
+    and the last run there, and in a run from which on, or in which alone, it acts, at its temperature. What parameters
+    do with temperature and time is theirs, by whichever of effects that look the same (`alike`, by the id of a term's);
+    what else was found stands beside them. A model is told by the parameters that its rates would be solved for,
+    whatever its own are.
     """
     # Of an effect of a caller's own nobody else knows what it makes of a rate.
     strange = {c.effect.id for c, _ in terms if c.effect is not None} - {entry.id for entry in entries()}
@@ -49,6 +51,7 @@ def before_and_after(
     for number in sorted({candidate.sensor for candidate, _ in terms}):
         sensor, conditions = sensors[number], _steady(sensors[number].collects.conditions)
         form, rates, acting, parted = default_form(conditions), [], set[Effect](), set[int]()
+        changed = set[int]()
         for model, found in ((before, ()), (after, terms)):
             curves = base_curves(sensor, found, number in calibrated)
             known = tuple(term for term in model.terms if term.effect not in strange)
@@ -57,10 +60,11 @@ def before_and_after(
             own = [(term, of) for term, of in may if any(map(_is_of_parameters, of)) and not of[0].missing(conditions)]
             acting |= {effect for _, of in own for effect in of}
             parted |= {run for term, (effect, *_) in own for run in effect.begins_within(term.shape)}
+            changed |= {int(term.shape[_FROM]) for term, _ in own if _FROM in term.shape}
             changes = {"form": sensor.form.name, "sensors": {number: curves}, "terms": tuple(term for term, _ in own)}
             rates.append(model.model_copy(update=changes).rates(conditions) - conditions.w_channels_deg_per_hr)
         rows = []
-        for degC, run, here in _places(conditions, parted, runs=any(effect.lasts for effect in acting)):
+        for degC, run, here in _places(conditions, parted, changed, runs=any(effect.lasts for effect in acting)):
             of_all = form.columns(conditions.rows(here)).reshape(-1, len(form.names))
             told = [solve(of_all, of[here].reshape(-1), 1.0, rank_tolerance=OBSERVABLE).values for of in rates]
             was, now = (values.round(_DIGITS) + 0.0 for values in told)
@@ -98,20 +102,21 @@ def _steady(conditions: Conditions) -> Conditions:
 
 
 def _places(
-    conditions: Conditions, parted: Set[int], *, runs: bool
+    conditions: Conditions, parted: Set[int], changed: Set[int], *, runs: bool
 ) -> Iterator[tuple[float | None, int | None, BoolArray]]:
     """Yield the coldest, middle and warmest temperature and its rows (n,), or those of its first and last whole run.
 
-    That is but for runs that are `parted`, where there are others.
+    That is but for runs that are `parted`, where there are others; and those of runs in which something `changed`.
     """
-    station = same_temperature(conditions)
+    station, here = same_temperature(conditions), np.isin(conditions.run, [*changed])
     known = np.unique(station)
-    for k in np.unique(known[[0, len(known) // 2, -1]]) if len(known) else ():
+    for k in np.union1d(known[[0, len(known) // 2, -1]], station[here]).tolist() if len(known) else ():
         degC = known_mean(conditions.columns[OWN][station == k])
         made, collects = np.unique(conditions.run[station == k], return_counts=True)
         whole = made[collects == collects.max()]
         whole = whole[~np.isin(whole, [*parted])] if {*whole.tolist()} - parted else whole
-        for run in np.unique(whole[[0, -1]]).tolist() if runs else (None,):
+        told = {*whole[[0, -1]].tolist()} | changed & {*whole.tolist()}
+        for run in sorted(told) if runs else (None,):
             here = (station == k) & (True if run is None else conditions.run == run)
             yield degC if np.isfinite(degC) else None, run, here
 

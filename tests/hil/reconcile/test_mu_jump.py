@@ -68,7 +68,7 @@ def test_mu_that_is_another_in_every_run_does_not_jump(seed: int) -> None:
 def test_mu_of_one_run_alone_has_its_name_and_size(seed: int) -> None:
     """It was a run that agrees with no other, and was left out, where a bias alone in its run had its name."""
     rng = np.random.default_rng(seed)
-    rows = lay_out(rng, (0.0, 20.0, 40.0), 3)
+    rows = lay_out(rng, (0.0, 20.0, 40.0, 60.0), 3)
     rates = base_rates(rows, thermal=False) + rng.normal(0.0, 0.9, (len(rows), 2))
     rates[:, 1] -= 15.0 * rows.f[:, 2] * (rows.run == 5)
     result = reconcile(campaign_of(rows, rates), "matrix-6", prove=False)
@@ -76,6 +76,8 @@ def test_mu_of_one_run_alone_has_its_name_and_size(seed: int) -> None:
     assert (effect.id, effect.shape["from_run"], effect.shape["runs_held"]) == ("MU_jump", 5.0, 1.0)
     (size,) = (of for of in effect.parameters if of["name"] == "JMUA")
     assert abs(size["value"] - 15.0) < 4.0 * size["se"] < 8.0
+    own = {each["run"]: each["after"] for each in result.values if each["name"] == "MUA"}
+    assert own[5] - own[6] == pytest.approx(size["value"])  # where it acts, too, not at the coldest and warmest alone
 
 
 @pytest.mark.slow
