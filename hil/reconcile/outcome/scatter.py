@@ -19,7 +19,7 @@ from hil.reconcile.search.posterior import Found, Posterior
 from hil.reconcile.search.set_in_block import SetInBlock
 from hil.reconcile.search.sets import SensorSearch, Set
 from hil.solve.repeats import SensorRepeats
-from hil.solve.uncertain import CONFIDENCE
+from hil.solve.uncertain import CONFIDENCE, RARE
 
 
 @dataclass(frozen=True)
@@ -172,8 +172,8 @@ def _at_points(search: SensorSearch, b: int, chosen: Set, points: Points) -> Set
 _LEAST = 0.1  # how probable a set is beside the likeliest, for a size: less moves none by as much as its error
 _GRID = float(np.log(2.0))
 _STEPS = (8, 3)  # of an amount, and of an offset, which only stands beside it
+_NO_OFFSET = 0.05  # how probable it may be at most that runs have no offset, for it to be no scatter of collects
 _BEYOND = 3.0  # what is explained is as uncertain as what is seen: so many such errors more, for the model to state it
-_NO_OFFSET = 0.05  # and how probable it may be at most that runs have no offset of their own
 
 
 def pooled(found: Sequence[FoundScatter]) -> list[FoundScatter]:
@@ -225,7 +225,8 @@ def _of_channels(
     # Errors that these rows contradict are no part of what is seen, however much larger they are.
     scales = np.where(np.isclose(scales, (b + 0.5 * left) / (a + 0.5 * freedom)), left / freedom, scales) * own.unit**2
     weight = np.exp(total - np.logaddexp.reduce(total))
-    runs, certain = len(np.unique(rows_of.run)), weight[points.offset == 0.0].sum() < _NO_OFFSET
+    runs, none = len(np.unique(rows_of.run)), float(weight[points.offset == 0.0].sum())
+    certain = none < _NO_OFFSET
     offsets = scales * points.offset**2
     ordinary = np.array([not kind.name for kind in own.noise.kinds], dtype=bool)
     alone = replace(points, amount=points.amount * ordinary, offset=np.zeros(len(points)))
@@ -253,7 +254,7 @@ def _of_channels(
         offset_se = offset * float(np.hypot(_GRID / np.sqrt(12.0), 1.0 / np.sqrt(2.0 * runs)))
         if sure and offset > 0.0 and not certain:
             offset_se = float(np.hypot(offset_se, 0.5 * np.sqrt(weight @ (offsets - offset2) ** 2) / offset))
-        told = (certain or sure) and offset > 0.0
+        told = (none < RARE or sure) and offset > 0.0
         # An effect on the scatter moves some rows and others not: of what it adds, the mean over all of them.
         seen = own2 + (np.mean(more_than[rows]) if here or sure or certain else offset2)
         yield {
