@@ -170,7 +170,11 @@ def clipped(collects: Collects) -> Iterator[tuple[int, BoolArray, str]]:
     for channel, rates in enumerate(collects.rates_deg_per_hr.T):
         name = f"sensor {collects.conditions.sensor.number}: {[*collects.conditions.sensor.channels][channel]}"
         telling, at_level = _by_no_chance(collects, channel), dict[float, list[IntArray]]()
-        known = telling | _written_finely(rates, collects.rates_se_deg_per_hr[:, channel])
+        moving, errors = np.isfinite(rates), collects.rates_se_deg_per_hr[:, channel]
+        least = np.min(errors, where=errors > 0.0, initial=np.inf)
+        # What is written in digits far finer than noise no other rates of a run show by chance, too.
+        finely = moving.any() and np.isfinite(least) and digit(rates) < _FINE * least
+        known = telling | (moving & bool(finely))
         for own in collects.conditions.of_each_run.values():
             rows = own[known[own]]
             if len(rows) >= _SAME_ROWS and np.ptp(rates[rows]) == 0.0:
@@ -180,7 +184,6 @@ def clipped(collects: Collects) -> Iterator[tuple[int, BoolArray, str]]:
             dead = np.nanmin(rates) < level < np.nanmax(rates) and sum(map(len, of)) == np.sum(rates == level)
             if not (dead or telling[of[0]].all()):
                 del at_level[level]
-        moving = np.isfinite(rates)
         if moving.sum() >= 2 * _SAME_ROWS and np.ptp(rates[moving]) == 0.0:
             at_level = {float(rates[moving][0]): [np.flatnonzero(moving)]}  # in run after run, however round it is
         for level, stuck in at_level.items():
@@ -201,13 +204,6 @@ def _by_no_chance(collects: Collects, channel: int) -> BoolArray:
     least = np.min(errors, where=errors > 0.0, initial=np.inf)
     in_steps = rates / 10.0 ** np.ceil(np.log10(least / _DIGITS))  # 0 where no error is stated
     return np.asarray((rates == 0.0) | (np.abs(in_steps - np.round(in_steps)) > _ROUNDING))
-
-
-def _written_finely(rates: FloatArray, errors: FloatArray) -> BoolArray:
-    """Return which rates (n,) are no others than all of a run's by chance: digits are far finer than noise."""
-    known = np.isfinite(rates)
-    least = np.min(errors, where=errors > 0.0, initial=np.inf)
-    return np.asarray(known & bool(known.any() and np.isfinite(least) and digit(rates) < _FINE * least))
 
 
 def unclipped(collects: Collects) -> Collects:

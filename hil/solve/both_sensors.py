@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from scipy.special import ndtri, stdtr
 
-from hil.campaign import BoolArray, Campaign, FloatArray, IntArray
+from hil.campaign import Campaign, FloatArray, IntArray
 from hil.files.document import picked
 from hil.model.forms import MATRIX_6, PER_G, RATE
 from hil.solve.repeats import SensorRepeats, means_of, repeats
@@ -143,7 +143,10 @@ def common_and_differential(campaign: Campaign) -> BothSensors | None:
     one, other = (np.isin(MATRIX_6, np.array(of.names)[of.by_noise.certain]) for of in map(shown.__getitem__, rotors))
     asked = one[:, None] & other
     chance = _of_normal(correlation, degrees) if alike else _of_exchanged(away, group)
-    shared = _shared(correlation, chance, asked)
+    # Of those asked chance would give any with less than that.
+    rare = np.argwhere(asked & (chance < FALSE_ALARM / max(asked.sum(), 1))).tolist()
+    told = [SharedPair(MATRIX_6[i], MATRIX_6[j], float(correlation[i, j]), float(chance[i, j])) for i, j in rare]
+    shared = tuple(sorted(told, key=lambda pair: pair.p))
     return BothSensors((rotors[0], rotors[1]), common, differential, degrees, same, shared, int(asked.sum()))
 
 
@@ -176,15 +179,6 @@ def _interval(correlation: float, degrees: int) -> tuple[float | None, float | N
     middle = math.atanh(max(min(correlation, 1.0 - 1e-12), 1e-12 - 1.0))
     width = float(ndtri(0.5 + 0.5 * CONFIDENCE)) / math.sqrt(degrees - 2)
     return correlation, math.tanh(middle - width), math.tanh(middle + width)
-
-
-def _shared(correlation: FloatArray, chance: FloatArray, asked: BoolArray) -> tuple[SharedPair, ...]:
-    """Pairs (6, 6) whose correlation `chance` would give any of those `asked` with less than `FALSE_ALARM`."""
-    found = [
-        SharedPair(MATRIX_6[i], MATRIX_6[j], float(correlation[i, j]), float(chance[i, j]))
-        for i, j in np.argwhere(asked & (chance < FALSE_ALARM / max(asked.sum(), 1))).tolist()
-    ]
-    return tuple(sorted(found, key=lambda pair: pair.p))
 
 
 def _of_normal(correlation: FloatArray, degrees: int) -> FloatArray:

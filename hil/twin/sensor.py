@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from drivers.frames.roles import SensorRole
 from hil.campaign import FloatArray
 from hil.config.bench import Bench
-from hil.config.simulation import NoiseSection, SimulationSection
+from hil.config.simulation import SimulationSection
 from hil.errors import InputError
 from hil.model import Model
 from hil.model.curve import Constant
@@ -53,7 +53,11 @@ class SimulatedSensor:
             if axis not in self.sensor.axes:
                 raise InputError(f"{bench.imu.description}: sensor {number} has no axis {axis} on bench {bench.name}")
         self.acceleration_axes = np.array([self.sensor.axes.index(axis) for axis in self.acceleration_fields], int)
-        self.noise, self._seed = _noise(model, number, settings.noise), settings.seed
+        self.noise, self._seed = model.noise.get(number, SensorNoise()), settings.seed
+        changed: dict[str, Any] = {} if settings.noise.run_to_run else {"run_to_run": {}, "correlation": {}}
+        if "angle_random_walk" not in self.noise.model_fields_set:  # it may hold only scatter: the bench's is added
+            changed["angle_random_walk"] = Constant(unit="deg/sqrt(hr)", value=settings.noise.angle_random_walk)
+        self.noise = self.noise.model_copy(update=changed)
         self.scattering = self.noise.scatter_for(self.sensor, slow=settings.noise.slow)
         self.runs: dict[int, dict[str, float]] = {}
         """By how much each base parameter differs in a self-calibration from the model's value."""
@@ -105,12 +109,3 @@ class SimulatedSensor:
         low, high = max((r[0] for r in ranges), default=-np.inf), min((r[1] for r in ranges), default=np.inf)
         base = self.model.base_at(self.sensor, np.clip(temperatures, low, high))
         return np.concatenate([base.bias, base.k.reshape(len(temperatures), -1)], axis=1)
-
-
-def _noise(model: Model, number: int, bench: NoiseSection) -> SensorNoise:
-    """Return what the model states; where it states no white noise (it may hold only scatter), the bench's is added."""
-    stated = model.noise.get(number, SensorNoise())
-    changed: dict[str, Any] = {} if bench.run_to_run else {"run_to_run": {}, "correlation": {}}
-    if "angle_random_walk" not in stated.model_fields_set:
-        changed["angle_random_walk"] = Constant(unit="deg/sqrt(hr)", value=bench.angle_random_walk)
-    return stated.model_copy(update=changed)
