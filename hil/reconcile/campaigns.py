@@ -26,15 +26,13 @@ from hil.campaign.stand_ins import with_stand_ins
 from hil.errors import InputError
 from hil.files.processes import Map, processes
 from hil.model import Model, load_model
-from hil.reconcile.fleet import CALLED, NOISY_UNITS, Asked, Screen, SharedFinding, UnitFinding
+from hil.model.effects.prior import ALPHA
+from hil.reconcile.fleet import CALLED, NOISY_UNITS, Asked, Screen, SharedFinding, Stood, UnitFinding, beside_the_earth
 from hil.reconcile.proof.places import false_discovery
-from hil.reconcile.stood import Stood, beside_the_earth
 from hil.records.folders import PIECE, in_turn, pieces_in, some_at_once
 from hil.solve.omissions import by_records
 from hil.solve.wrong_rows import MENDED, Wrong, failed, laid_right, pooled
 
-LEVEL = 0.05
-"""False discoveries among the units that are called, at most, on average."""
 _WEIGHED = 64  # pieces that are weighed at once
 
 
@@ -84,7 +82,7 @@ class ScreenedUnit(Facts):
     @property
     def worth(self) -> bool:
         """Whether a full reconcile is worth it."""
-        return self.finding.q_value < LEVEL
+        return self.finding.q_value < ALPHA
 
 
 @dataclass(frozen=True)
@@ -248,12 +246,13 @@ def _workers(count: int, cluster: str | None) -> Iterator[tuple[Map, Sequence[st
         except (OSError, ValueError) as error:
             raise InputError(f"--cluster {cluster}: no Dask scheduler answers there ({error})") from None
         with client:
-            told = {who: str(each) for who, each in client.run(_version, on_error="return").items()}
-            same = [who for who, each in told.items() if each == _version()]
+            here = version("hil")
+            told = {who: str(each) for who, each in client.run(version, "hil", on_error="return").items()}
+            same = [who for who, each in told.items() if each == here]
             others = [f"{who} has hil {each}" for who, each in sorted(told.items()) if who not in same]
             if told and not same:
-                raise InputError(f"--cluster {cluster}: no worker has hil {_version()} as here; {'; '.join(others)}")
-            said = [f"{each}, not {_version()} as here, and took no part" for each in others]
+                raise InputError(f"--cluster {cluster}: no worker has hil {here} as here; {'; '.join(others)}")
+            said = [f"{each}, not {here} as here, and took no part" for each in others]
             yield (
                 lambda function, things: iter(
                     client.gather(client.map(function, list(things), pure=False, workers=same if others else None))
@@ -263,7 +262,3 @@ def _workers(count: int, cluster: str | None) -> Iterator[tuple[Map, Sequence[st
     else:
         with processes(count) as mapped:
             yield mapped, ()
-
-
-def _version() -> str:
-    return version("hil")

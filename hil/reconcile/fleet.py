@@ -1,7 +1,5 @@
 """Screen many units that were measured in the same way: what is missing, in which of them, in all of them.
 
-    findings = Screen.of(campaigns, "matrix-6").units(campaigns)  # the layout once, then milliseconds per unit
-
 Every term is tried at a few models of the noise, in many units at once; where that finds something, again at all that
 forty units of the fleet leave probable; and where that does, too, at those that the unit's own rates leave. What weighs
 a unit never depends on which others are weighed, so that processes may share the work. Values of the base stand or
@@ -18,26 +16,61 @@ from functools import cached_property
 
 import numpy as np
 
-from hil.campaign import Campaign, FloatArray
+from hil.campaign import Campaign, Conditions, FloatArray, IntArray
+from hil.campaign.stand_ins import WIDEST_DEGC
 from hil.errors import InputError
 from hil.model import Model, fitting_campaign
 from hil.model.effects.catalogue import BASE_EFFECTS, EFFECTS, VARIANCE_EFFECTS
+from hil.model.effects.geometry import LEVEL
 from hil.model.effects.prior import log_sum
 from hil.reconcile.proof.places import false_discovery
 from hil.reconcile.rivals import CERTAIN
+from hil.reconcile.search.block_search import GLANCED
 from hil.reconcile.search.layout import may_be_calibrated, searches
 from hil.reconcile.search.lookalikes import names_alike
 from hil.reconcile.search.problem import pose
 from hil.reconcile.search.sets import LEADING, SensorSearch
-from hil.reconcile.stood import Stood, beside_the_earth
+from hil.solve.temperatures import ELSEWHERE_DEGC, same_temperature
 
 NOISY_UNITS = 40  # evenly over the fleet, say what noise is: one alone knows its own too badly to judge others by
 ASKED_UNITS = 8  # so many of these say whether the base's values follow temperature
 FRACTIONS = (0.01, 0.03, 0.1, 0.3, 0.6, 1.0)  # of the fleet, the shares that may have a shared effect
-FEW = 4  # points of the noise at which every unit of `NOISY_UNITS` and more is weighed first; of fewer, at all
 ASKED_AGAIN = 0.5  # log odds from which a unit is weighed again at all of them: a discovery takes three and more
 CALLED = 2.5  # log odds from which the unit's own noise is asked, of every discovery: q < .05 takes odds of 19
 TOGETHER = 16  # units that are weighed at once: their numbers then stay in the processor's cache
+
+
+def beside_the_earth(campaign: Campaign) -> dict[int, FloatArray]:
+    """Return the rates of each sensor less the earth's, (n, c) deg/hr: what of a unit is no part of the layout."""
+    return {n: of.rates_deg_per_hr - of.conditions.w_channels_deg_per_hr for n, of in campaign.sensors.items()}
+
+
+class Stood:
+    """How the sensors of a campaign stood, by their number: in which positions and runs, at which temperatures."""
+
+    def __init__(self, conditions: Mapping[int, Conditions]) -> None:
+        none = {n: np.full(len(rows), -1) for n, rows in conditions.items()}
+        known = {n: same_temperature(rows) for n, rows in conditions.items() if "temperature_degC" in rows.columns}
+        self._known = {
+            n: (rows, np.unique(rows.run, return_inverse=True)[1], (none | known)[n]) for n, rows in conditions.items()
+        }
+
+    def like(self, campaign: Campaign) -> bool:
+        """Whether every sensor stood so in another campaign, so that what is laid out for one serves the other."""
+        others = campaign.sensors
+        return all(n in others and _alike(others[n].conditions, *known) for n, known in self._known.items())
+
+
+def _alike(other: Conditions, known: Conditions, order: IntArray, levels: IntArray) -> bool:
+    told = [rows.columns.get("temperature_degC") for rows in (other, known)]
+    same = len(known) == len(other) and known.sensor.channels == other.sensor.channels
+    if not same or len({of is None for of in told}) > 1:
+        return False
+    if np.any(order != np.unique(other.run, return_inverse=True)[1]) or np.any(np.abs(known.f_g - other.f_g) >= LEVEL):
+        return False
+    apart = np.subtract(*(np.zeros(len(known)) if of is None else of for of in told))
+    near = bool(np.all(np.abs(apart[levels >= 0]) <= WIDEST_DEGC))
+    return near and all(abs(np.mean(apart[levels == k])) <= ELSEWHERE_DEGC for k in set(levels[levels >= 0].tolist()))
 
 
 @dataclass(frozen=True)
@@ -139,7 +172,7 @@ class Screen:
 
     stood: Stood
     found: Mapping[int, SensorSearch]
-    few: int | None = FEW
+    few: int | None = GLANCED
 
     @classmethod
     def of(cls, units: Campaign | Sequence[Campaign], model: Model | str) -> "Screen":
@@ -150,17 +183,15 @@ class Screen:
         fleet = [units] if isinstance(units, Campaign) else list(units)
         if not fleet:
             raise InputError("a screen needs at least one unit")
-        chosen = fitting_campaign(model, fleet[0])
-        problem = pose(fleet[0], chosen, (*BASE_EFFECTS, *EFFECTS))
+        problem = pose(fleet[0], fitting_campaign(model, fleet[0]), (*BASE_EFFECTS, *EFFECTS))
         stood = Stood({number: sensor.collects.conditions for number, sensor in problem.sensors.items()})
-        few = FEW if len(fleet) >= NOISY_UNITS else None
+        few = GLANCED if len(fleet) >= NOISY_UNITS else None
         laid = [cls(stood, stand := searches(problem, (), VARIANCE_EFFECTS), few)]
         if may_be_calibrated(problem):
             laid.append(cls(stood, searches(problem, (), VARIANCE_EFFECTS, stand), few))
         if all(term.is_mistake for search in laid[0].found.values() for term in search.terms):
-            raise InputError(
-                f"{fleet[0].title}: too few rows to test anything by; a screen needs several runs of each unit"
-            )
+            few_rows = "too few rows to test anything by; a screen needs several runs of each unit"
+            raise InputError(f"{fleet[0].title}: {few_rows}")
         evenly = np.unique(np.linspace(0, len(fleet) - 1, NOISY_UNITS).astype(np.int64))
         some = [laid[0].rates(fleet[i]) for i in evenly]
         likelier = max(laid, key=lambda each: each._log_evidence(some[:: NOISY_UNITS // ASKED_UNITS]))
@@ -174,8 +205,7 @@ class Screen:
             search.terms = [term for term in search.terms if not term.is_mistake]
             for block in search.blocks:
                 block.choose([np.zeros((len(block.y), 0))], next(of_block))
-                likeliest = block.scanned
-                block.scanned = np.append(likeliest, np.setdiff1d(np.arange(len(block.points)), likeliest))
+                block.scanned = np.append(block.scanned, np.setdiff1d(np.arange(len(block.points)), block.scanned))
             search.forget()
 
     def _log_evidence(self, units: Sequence[Sequence[FloatArray]]) -> float:
@@ -222,18 +252,16 @@ class Screen:
 
     def weigh(self, units: Sequence[Sequence[FloatArray]]) -> FloatArray:
         """Log Bayes factor of each of n names in each of u units, (n, u), whose `rates` these are, (N,) each."""
-        parts = [self._weighed(units[first : first + TOGETHER]) for first in range(0, len(units), TOGETHER)]
-        return np.concatenate([np.zeros((len(self.asked.names), 0)), *parts], axis=1)
-
-    def _weighed(self, units: Sequence[Sequence[FloatArray]]) -> FloatArray:
-        data = [np.column_stack(each) for each in zip(*units, strict=True)]
-        by_name = self._by_name(data, self.few)
-        again = np.flatnonzero(self.asked.statistic(by_name) > ASKED_AGAIN)
-        if len(again) and self.few is not None:
-            by_name[:, again] = self._by_name([rates[:, again] for rates in data], None)
-        for i in np.flatnonzero(self.asked.statistic(by_name) > CALLED).tolist():
-            by_name[:, i] = self._by_its_own_noise([rates[:, i] for rates in data])
-        return by_name
+        parts = [np.zeros((len(self.asked.names), 0))]
+        for first in range(0, len(units), TOGETHER):
+            data = [np.column_stack(each) for each in zip(*units[first : first + TOGETHER], strict=True)]
+            parts.append(by_name := self._by_name(data, self.few))
+            again = np.flatnonzero(self.asked.statistic(by_name) > ASKED_AGAIN)
+            if len(again) and self.few is not None:
+                by_name[:, again] = self._by_name([rates[:, again] for rates in data], None)
+            for i in np.flatnonzero(self.asked.statistic(by_name) > CALLED).tolist():
+                by_name[:, i] = self._by_its_own_noise([rates[:, i] for rates in data])
+        return np.concatenate(parts, axis=1)
 
     def _by_its_own_noise(self, rates: Sequence[FloatArray]) -> FloatArray:
         """Log Bayes factor of each name (n,) in one unit, at the points that its own rates (N,) by block leave."""
@@ -241,7 +269,7 @@ class Screen:
         for number, search in self.found.items():
             own = list(rates[first : first + len(search.blocks)])
             first += len(search.blocks)
-            factors = search.scan_many([each[:, None] for each in own], FEW)[:, 0]
+            factors = search.scan_many([each[:, None] for each in own], GLANCED)[:, 0]
             leading = np.argsort(-(factors + search.log_odds))[:LEADING]
             blocks = [replace(each) for each in search.blocks]
             for b, (block, values) in enumerate(zip(blocks, own, strict=True)):

@@ -4,11 +4,6 @@ Each test of the catalogue is asked of every collect and channel; the p-values o
 smallest, corrected for how many were asked. What is the same from collect to collect is also asked of all together: a
 settling or a tone that no single collect proves shows there. All effects share one rate of false alarms.
 
-    findings = within_collects(campaign, SERIES_EFFECTS, 0.01)
-    inside = named_within(findings, SERIES_EFFECTS, 0.01)  # effects for the result, each with its rivals
-    wander = wandering(campaign, 1)                        # and coloured noise; None where all that shows is white
-    wander.size, wander.se                                 # bias instability, deg/hr
-
 A standard error that allows for correlated samples holds white noise and flicker; drawn as white noise they would be
 another noise. Moments of the series tell the two.
 """
@@ -28,18 +23,14 @@ from hil.model.effects.noise import BiasInstability
 from hil.model.effects.scatter import Scatter
 from hil.model.effects.series import Ramp, blocked
 from hil.reconcile.result import FoundEffect
-from hil.reconcile.rivals import CERTAIN, Rival
+from hil.reconcile.rivals import BEYOND, CERTAIN, Rival
 
-_BEYOND = 3.0  # errors from which on what neighbours leave unexplained is not chance
 _USUAL = 0.5  # of the mean is what half of the collects show at least: .9 of flicker
 _LIKELIER = 4.0  # twice the log of how much likelier a walk makes what blocks far apart differ by: seven times
 _FINE = 5  # points by which a block is averaged
 _LEAST_P = 1e-300
-_ERROR = "se_deg_per_hr"
 _UNITS = (("_deg_per_hr_per_min", "deg/hr/min"), ("_deg_per_hr", "deg/hr"), ("_hz", "Hz"), ("_s", "s"))
 _ODDS = 0.05  # prior odds that one effect shows inside the collects, as of one that shows in the averages
-RAMP = Ramp.id
-"""A slope inside a collect is what every slow effect looks like there: what it is called, the averages say."""
 
 
 _Answer = tuple[int, SeriesFinding, FloatArray]
@@ -51,13 +42,6 @@ def within_collects(campaign: Campaign, effects: Sequence[SeriesEffect], alpha: 
 
     `alpha` is the rate at which anything is returned from series in which nothing is hidden.
     """
-    asked = _asked(campaign, effects)
-    findings = [_finding(*of, answers, alpha, len(asked)) for of, answers in asked.items()]
-    return sorted((f for f in findings if f is not None), key=lambda item: item["q_value"])
-
-
-def _asked(campaign: Campaign, effects: Sequence[SeriesEffect]) -> dict[tuple[SeriesEffect, int, str], list[_Answer]]:
-    """Return the answers of every effect, sensor and channel that at least one collect could be asked about."""
     asked: dict[tuple[SeriesEffect, int, str], list[_Answer]] = {}
     for number, collects in campaign.sensors.items():
         sensor = collects.conditions.sensor
@@ -70,37 +54,24 @@ def _asked(campaign: Campaign, effects: Sequence[SeriesEffect]) -> dict[tuple[Se
                     if np.isfinite(answer.p_value):
                         own = asked.setdefault((effect, number, answer.channel), [])
                         own.append((collect, answer, effect.summary(series, index)))
-    return asked
-
-
-def _finding(
-    effect: SeriesEffect, sensor: int, channel: str, answers: Sequence[_Answer], alpha: float, tests: int
-) -> dict[str, Any] | None:
-    """Return one finding for the document, or None where chance explains it."""
-    p_values = effect.p_values([answer for _, answer, _ in answers])
-    collect, strongest, _ = answers[int(np.argmin(p_values))]
-    count = len(answers)
-    together = effect.together([summary for *_, summary in answers])
-    ways = tests * (2 if together else 1)
-    shown = int(np.sum(p_values * count * ways < alpha))
-    p_value, estimates = float(p_values.min()) * count, strongest.estimates
-    told = f"Collect {collect}, channel {channel}: {strongest.sentence}"
-    if together and together[0] < p_value:
-        p_value, estimates, shown = together[0], together[1], count
-        told = f"Channel {channel}: all {count} collects together {together[2]}"
-    if p_value * ways >= alpha:
-        return None
-    return {
-        "id": effect.id,
-        "sensor": sensor,
-        "channel": channel,
-        "collect": collect,
-        "collects": shown,
-        "asked": count,
-        "q_value": p_value * ways,
-        "estimates": dict(estimates),
-        "sentence": told,
-    }
+    findings = []
+    for (effect, number, channel), answers in asked.items():
+        p_values, count = effect.p_values([answer for _, answer, _ in answers]), len(answers)
+        collect, strongest, _ = answers[int(np.argmin(p_values))]
+        together = effect.together([summary for *_, summary in answers])
+        ways = len(asked) * (2 if together else 1)
+        shown = int(np.sum(p_values * count * ways < alpha))
+        p_value, estimates = float(p_values.min()) * count, strongest.estimates
+        told = f"Collect {collect}, channel {channel}: {strongest.sentence}"
+        if together and together[0] < p_value:
+            p_value, estimates, shown = together[0], together[1], count
+            told = f"Channel {channel}: all {count} collects together {together[2]}"
+        if p_value * ways >= alpha:  # chance explains it
+            continue
+        found = {"id": effect.id, "sensor": number, "channel": channel, "collect": collect, "collects": shown}
+        more = {"asked": count, "q_value": p_value * ways, "estimates": dict(estimates), "sentence": told}
+        findings.append(found | more)
+    return sorted(findings, key=lambda item: item["q_value"])
 
 
 def named_within(
@@ -118,7 +89,7 @@ def named_within(
     by_id = {effect.id: effect for effect in effects}
     out = []
     for sensor in dict.fromkeys(f["sensor"] for f in findings):
-        left = [f for f in findings if f["sensor"] == sensor and (f["id"] != RAMP or sensor not in moving)]
+        left = [f for f in findings if f["sensor"] == sensor and (f["id"] != Ramp.id or sensor not in moving)]
         while left:
             leader = left[0]
             same = {leader["id"], *by_id[leader["id"]].confusable_with}
@@ -139,8 +110,8 @@ def _named(
         weight[finding["id"]] = max(weight.get(finding["id"], 0.0), -_ODDS / (np.e * p * np.log(p)))
     total = 1.0 + sum(weight.values())  # 1: that nothing is there
     effect = by_id[leader["id"]]
-    if effect.id == RAMP:
-        slow = {name: weight[RAMP] for name in effect.confusable_with if name not in weight}
+    if effect.id == Ramp.id:
+        slow = {name: weight[Ramp.id] for name in effect.confusable_with if name not in weight}
         weight, total = {**weight, **slow}, total + sum(slow.values())
     probability = float(weight.pop(effect.id) / total)
     rivals = [(name, own, by_id.get(name) or effect_by_id(name)) for name, own in weight.items()]
@@ -148,7 +119,9 @@ def _named(
         id=effect.id,
         title=effect.title,
         equation=effect.equation,
-        parameters=[_parameter(name, value, leader) for name, value in leader["estimates"].items() if name != _ERROR],
+        parameters=[
+            _parameter(name, value, leader) for name, value in leader["estimates"].items() if name != "se_deg_per_hr"
+        ],
         probability=probability,
         confusable_with=[Rival(name, float(own / total), 0.0, of.title) for name, own, of in rivals],
         kind="named" if probability >= CERTAIN else "ambiguous",
@@ -166,7 +139,7 @@ def _parameter(name: str, value: float, finding: Mapping[str, Any]) -> dict[str,
     return {
         "name": name.removesuffix(suffix),
         "value": float(value),
-        "se": finding["estimates"].get(_ERROR),
+        "se": finding["estimates"].get("se_deg_per_hr"),
         "unit": unit,
         "at": f"{finding['channel']}, {finding['collects']} of {finding['asked']} collects",
         "sensor": finding["sensor"],
@@ -221,7 +194,7 @@ def wandering(campaign: Campaign, number: int) -> Wander | None:
     square, error = float(more.mean()) / unit, float(more.std()) / len(more) ** 0.5 / unit
     white = np.sqrt(np.maximum(seen[0, 0] - seen[1, 0] * square, 0.0) * block_hr)
     often = np.median(more) > _USUAL * more.mean()  # what a few collects show is no noise of all
-    if not often or square <= _BEYOND * error or np.nanmedian(white) <= 0.0:
+    if not often or square <= BEYOND * error or np.nanmedian(white) <= 0.0:
         return None
     as_flicker, as_walk = (
         float(left.mean()) ** 2 * len(left) / float(left.var())

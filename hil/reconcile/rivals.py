@@ -13,6 +13,8 @@ CERTAIN = 0.8
 """Probability from which a name is stated as the name, and a driver as what it follows."""
 LEAST = 0.01
 """Rivals less probable are not listed, unless they look the same, and shapes add nothing to an interval."""
+BEYOND = 3.0
+"""Errors from which on what is seen beside what is explained is not chance."""
 EXCLUDED = 0.001
 """What is identical in these collects is told apart where the data themselves make one so much less probable."""
 

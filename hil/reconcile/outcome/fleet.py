@@ -10,13 +10,13 @@ from hil.files.columns import rows_as_csv
 from hil.files.document import picked
 from hil.files.figure import LOOKS, blank
 from hil.files.page import inline_svg, rendered
-from hil.reconcile.campaigns import LEVEL, Screened, ScreenedUnit
+from hil.model.effects.prior import ALPHA
+from hil.reconcile.campaigns import Screened, ScreenedUnit
 from hil.reconcile.fleet import SharedFinding, UnitFinding
 from hil.solve.omissions import in_words
 from procedures.words import counted, first_few, listed, numbered, percent
 
 _MOST_WRONG = 5  # of which it is said what is left out
-_MOST_NAMES = 4  # that have a look of their own in a picture
 _NUMBER = re.compile(r"(\d+)\D*$")
 
 
@@ -26,7 +26,7 @@ def fleet_document(found: Screened) -> dict[str, Any]:
         "schema": "hil.fleet/1",
         "model": found.model,
         "simulated": any(each.simulated for each in found.units),
-        "level": LEVEL,
+        "level": ALPHA,
         "units": [_row(each) | _rivals(each.finding) | dict(each.wrong) for each in found.units],
         "effects": list(_effects(found.units)),
         "shared": [
@@ -66,7 +66,7 @@ def fleet_page(found: Screened) -> str:
 def fleet_sentences(found: Screened) -> Iterator[str]:
     """Yield what was found in a screenful: how many units, which effects, what many have in common."""
     worth, shared = [each for each in found.units if each.worth], _shared(found)
-    called = f": of those called, at most {LEVEL:.0%} on average lack nothing"
+    called = f": of those called, at most {ALPHA:.0%} on average lack nothing"
     beside = sorted({number for number, _ in shared} - {each.layout for each in worth})
     alone = "by themselves" if len(worth) > 1 else "by itself"
     few = f" {alone}; a few of {numbered('layout', beside)} do, for what they share" if beside else ""
@@ -129,18 +129,14 @@ def _counted(units: Sequence[ScreenedUnit]) -> str:
 def _shared(found: Screened) -> list[tuple[int, Any]]:
     """Return what the calibrations of a layout share, by its number: one alone has nothing in common."""
     several = {number for number, count in Counter(each.layout for each in found.units).items() if count > 1}
-    return [(number, each) for number, each in found.shared if each.p_value < LEVEL and number in several]
+    return [(number, each) for number, each in found.shared if each.p_value < ALPHA and number in several]
 
 
 def _row(each: ScreenedUnit) -> dict[str, Any]:
-    of = each.finding
     return {
-        **picked(each, "folder title serial runs_failed"),
-        "date": each.date or None,
-        "simulated": each.simulated,
-        "layout_number": each.layout,
-        **picked(of, "log_odds=statistic p_value q_value leader probability=share"),
-        "worth": each.worth,
+        **picked(each, "folder title serial runs_failed", date=each.date or None),
+        **picked(each, "simulated layout_number=layout"),
+        **picked(each.finding, "log_odds=statistic p_value q_value leader probability=share", worth=each.worth),
     }
 
 
@@ -175,7 +171,7 @@ def _pictures(units: Sequence[ScreenedUnit], worth: Sequence[ScreenedUnit]) -> I
     axes.barh([name for name, _ in effects][::-1], [len(own) for _, own in effects][::-1], color="#0072B2")
     axes.set_xlabel("units that are called")
     yield inline_svg(figure, f"Units by effect: {', '.join(f'{name} {len(own)}' for name, own in effects)}")
-    looks = dict(zip([name for name, _ in effects[:_MOST_NAMES]], LOOKS.values(), strict=False))
+    looks = dict(zip([name for name, _ in effects], LOOKS.values(), strict=False))
     dated = {each.folder: date.fromisoformat(each.date).toordinal() for each in units if each.date}
     numbered = {each.folder: int(of[1]) for each in units if (of := _NUMBER.search(each.serial))}
     for places, what in ((dated, "date"), (numbered, "serial number")):

@@ -8,10 +8,13 @@ import numpy as np
 from scipy.special import chdtr, ndtri
 
 from hil.campaign import BoolArray, FloatArray
+from hil.files.document import picked
 from hil.model.effects.base import Parameter, VarianceEffect
+from hil.model.effects.prior import ALPHA
 from hil.model.forms import bias_names
 from hil.reconcile.follows import repeated
 from hil.reconcile.result import Disagreement
+from hil.reconcile.rivals import BEYOND
 from hil.reconcile.search.fitted import Fitted, FittedBlock
 from hil.reconcile.search.likely_noise import DEPTH
 from hil.reconcile.search.points import Kind, Points
@@ -142,7 +145,7 @@ def _finely(search: SensorSearch, b: int, chosen: Set, likely: Points, kinds: Bo
     noise, profiles = search.blocks[b].noise, np.unique(likely.profile)
     grid = noise.grid
     grid = grid.take(np.flatnonzero(np.isin(grid.sort, likely.sort)))
-    prior = [noise.log_profile(noise.profiles[p]) for p in profiles]
+    prior = [noise.log_profile([*noise.profiles][p]) for p in profiles]
     every = grid.take(np.tile(np.arange(len(grid)), len(profiles)))
     every = replace(
         every,
@@ -172,8 +175,6 @@ def _at_points(search: SensorSearch, b: int, chosen: Set, points: Points) -> Set
 _LEAST = 0.1  # how probable a set is beside the likeliest, for a size: less moves none by as much as its error
 _GRID = float(np.log(2.0))
 _STEPS = (8, 3)  # of an amount, and of an offset, which only stands beside it
-_NO_OFFSET = 0.05  # how probable it may be at most that runs have no offset, for it to be no scatter of collects
-_BEYOND = 3.0  # what is explained is as uncertain as what is seen: so many such errors more, for the model to state it
 
 
 def pooled(found: Sequence[FoundScatter]) -> list[FoundScatter]:
@@ -226,7 +227,7 @@ def _of_channels(
     scales = np.where(np.isclose(scales, (b + 0.5 * left) / (a + 0.5 * freedom)), left / freedom, scales) * own.unit**2
     weight = np.exp(total - np.logaddexp.reduce(total))
     runs, none = len(np.unique(rows_of.run)), float(weight[points.offset == 0.0].sum())
-    certain = none < _NO_OFFSET
+    certain = none < ALPHA
     offsets = scales * points.offset**2
     ordinary = np.array([not kind.name for kind in own.noise.kinds], dtype=bool)
     alone = replace(points, amount=points.amount * ordinary, offset=np.zeros(len(points)))
@@ -242,7 +243,7 @@ def _of_channels(
         more = of_rows + offsets * (not certain)
         mean, middle = (_likely(more, weight, known=sure) for sure in (True, False))
         error = float(np.hypot(np.sqrt(weight @ (more - mean) ** 2), mean * relative))
-        sure = (middle - known) * mean > _BEYOND * error * known
+        sure = (middle - known) * mean > BEYOND * error * known  # which is as uncertain as what is seen
         offset2, own2 = (_likely(each, weight, known=sure or certain) for each in (offsets, of_rows))
         here = [f for f in found if (f.sensor, f.channel) == (rows_of.sensor, channel)]
         noisier = False
@@ -290,6 +291,7 @@ def _likely(variances: FloatArray, weight: FloatArray, *, known: bool) -> float:
 
 def places(found: Sequence[FoundScatter], chance: float) -> list[Disagreement]:
     """Return the channels that an effect scatters, with by how much."""
-    where = [{"sensor": f.sensor, "channel": f.channel, "of": "scatter", "effect": f.effect.id} for f in found]
-    sizes = [(f.deg_per_hr, f.deg_per_hr * f.relative) for f in found]
-    return [Disagreement(at, *size, chance) for at, size in zip(where, sizes, strict=True)]
+    where = [picked(f, "sensor channel") | {"of": "scatter", "effect": f.effect.id} for f in found]
+    return [
+        Disagreement(at, f.deg_per_hr, f.deg_per_hr * f.relative, chance) for at, f in zip(where, found, strict=True)
+    ]

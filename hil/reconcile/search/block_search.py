@@ -1,7 +1,7 @@
 """One block of rows as it is searched: the noise that its rows leave probable, and what whitens any columns there."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -16,7 +16,8 @@ from hil.solve.identifiability import independent_columns
 from hil.solve.rows import Block
 
 SCANNED = 6  # points of the noise at which every term is tried: a scan proposes, and what it proposes is weighed at all
-GLANCED = 4  # points at which the terms are tried beside which the noise is then looked at anew
+GLANCED = 4
+"""Points at which terms are tried beside which the noise is then looked at anew, and first of all many units."""
 
 
 @dataclass
@@ -29,8 +30,8 @@ class BlockSearch:
     scales: Sequence[Scale]
     y: FloatArray
     unit: float
-    beside: Beside
-    scanned: IntArray
+    beside: Beside = field(init=False)
+    scanned: IntArray = field(init=False)
     _filters: Sequence[tuple[IntArray, Filter]] = ()
 
     @classmethod
@@ -38,9 +39,7 @@ class BlockSearch:
         """Weigh the block at the noise that its rows leave probable."""
         unit = float(np.sqrt(noise.unit))
         scales = HOLDS if block.sigma_stated else HOLDS[1:]
-        cube, flat, line = (np.zeros((0,) * n) for n in (3, 2, 1))
-        nothing = Beside(scales, cube, cube, flat, line, line, line, 0, cube)
-        out = cls(block, noise, noise.grid, scales, block.y / unit, unit, nothing, np.zeros(0, dtype=np.int64))
+        out = cls(block, noise, noise.grid, scales, block.y / unit, unit)
         out.choose([np.zeros((len(block.y), 0))])
         out.scanned = out.scanned[:GLANCED]
         return out

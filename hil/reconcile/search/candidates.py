@@ -26,7 +26,6 @@ POWERS: Mapping[str, int] = {"line": 2, "quadratic": 3, "cubic": 4}
 """How many values a form in powers of temperature has."""
 MANY = 80
 """Places of one sort that are asked about: every row of a night, and of a year of nights those that are odd."""
-_SLOPE = "dTdt_degC_per_min"
 _FEWEST_VALUES = 6
 _CURVE_ORDER = 3
 
@@ -56,6 +55,15 @@ class Candidate:
     changes: Sequence[str] = ()
     kept: tuple[int, ...] = ()
 
+    @classmethod
+    def of(
+        cls, effect: Effect, tier: int, conditions: Conditions, columns: FloatArray, shape: Mapping[str, float]
+    ) -> "Candidate":
+        """Return an effect by the name that it is known under, with all its parameters: its columns are (n, c, p)."""
+        called, number, parameters = named(effect), conditions.sensor.number, effect.parameters_for(conditions)
+        of = cls(called.id, tier, number, columns, parameters, shape, title=called.title, effect=effect)
+        return replace(of, equation=called.equation)
+
     @property
     def columns(self) -> FloatArray:
         """The columns, (n, c, p); what is soon made of a few numbers is made anew, and takes no memory."""
@@ -82,45 +90,26 @@ class Candidate:
 
 
 def catalogue_candidates(
-    number: int, conditions: Conditions, base_beside: BaseBeside, catalogue: Sequence[Effect]
+    conditions: Conditions, base_beside: BaseBeside, catalogue: Sequence[Effect]
 ) -> Iterator[Candidate]:
     """Yield the candidates of every catalogue effect that can be asked about on this sensor.
 
     `base_beside` gives the base as it is if an effect of a shape acts beside it.
     """
-    centres = _setpoints_degC(conditions)
+    temperature = conditions.columns.get("temperature_degC", np.full(1, np.nan))
+    numbers = same_temperature(conditions) if np.all(np.isfinite(temperature)) else np.zeros(0, dtype=np.int64)
+    centres = tuple(float(np.mean(temperature[numbers == k])) for k in range(numbers.max(initial=-1) + 1))
     for effect in catalogue:
         if not effect.searched or not effect.applies_to(conditions.sensor) or effect.missing(conditions):
             continue
-        parameters = effect.parameters_for(conditions)
         told = told_parameters(effect, conditions)
         for shape, columns in shapes_tried(effect, conditions, base_beside):
-            called = named(effect)
-            plain = Candidate(
-                name=called.id,
-                tier=1,
-                sensor=number,
-                laid=columns,
-                parameters=parameters,
-                shape=shape,
-                title=called.title,
-                equation=called.equation,
-                effect=effect,
-            )
+            plain = Candidate.of(effect, 1, conditions, columns, shape)
             if not effect.in_every_model:
                 yield plain.only(told)
             if effect.may_follow_temperature and len(centres) > 1:
-                kept = effect.kept_over_temperature(parameters, conditions.sensor)
+                kept = effect.kept_over_temperature(plain.parameters, conditions.sensor)
                 yield from _over_temperature(plain.only(kept), conditions, centres)
-
-
-def _setpoints_degC(conditions: Conditions) -> tuple[float, ...]:
-    """Return the mean temperature at each setpoint, none where a collect's is unknown."""
-    temperature = conditions.columns.get("temperature_degC", np.full(1, np.nan))
-    if not np.all(np.isfinite(temperature)):
-        return ()
-    numbers = same_temperature(conditions)
-    return tuple(float(np.mean(temperature[numbers == k])) for k in range(numbers.max() + 1))
 
 
 def _over_temperature(plain: Candidate, conditions: Conditions, centres: tuple[float, ...]) -> Iterator[Candidate]:
@@ -191,8 +180,7 @@ def drivers(conditions: Conditions) -> list[Driver]:
             expressions += [
                 (f"temperature_degC>{0.5 * (a + b):.1f}", "zone") for a, b in zip(low[1:], high, strict=False)
             ]
-    if any(name == _SLOPE for name, _ in expressions):
-        expressions.append((f"{_SLOPE}^2", "condition"))
+    expressions += [(f"{name}^2", kind) for name, kind in expressions if name == "dTdt_degC_per_min"]
     expressions += [("start_s", "time"), ("start_s^2", "time")]
     runs = list(dict.fromkeys(conditions.run.tolist()))
     if len(runs) > 5:
@@ -204,11 +192,18 @@ def second_tier(number: int, conditions: Conditions) -> Iterator[Candidate]:
     """Yield parameter × driver terms: one column per channel, each with an amplitude of its own."""
     plain = drivers(conditions)
     targets = list(_targets(conditions))
+    temperature, curves = conditions.columns.get("temperature_degC", np.full(1, np.nan)), list[tuple[str, int]]()
+    if np.all(np.isfinite(temperature)) and len(np.unique(same_temperature(conditions))) > 5:
+        curves.append(("temperature_degC", 5))
+    curves += [("start_s", 5)] * (len(np.unique(conditions.run)) > 7)
+    known = [of for of in plain if of.kind == "condition" and "^" not in of.name and of.name != "temperature_degC"]
+    # What else was recorded bears a curve of the bias where it takes enough values.
+    bear = [(of.name, _CURVE_ORDER) for of in known if len(np.unique(np.round(of.values, 9))) >= _FEWEST_VALUES]
     for target in targets:
         for driver in plain:
             yield _nameless(number, conditions, target, driver.name, target.columns * driver.values[:, None])
-        bear = [driver.name for driver in plain if target.name == "B" and _bears_a_curve(driver)]
-        for over, curve in [*_smooth(conditions), *((name, _powers(name, conditions, _CURVE_ORDER)) for name in bear)]:
+        for over, order in [*curves, *bear * (target.name == "B")]:
+            curve = np.stack([driver_values(f"{over}^{power}", conditions) for power in range(1, order + 1)], axis=1)
             yield _nameless(number, conditions, target, over, target.columns[:, :, None] * curve[:, None, :])
     labels, counts = np.unique(conditions.position, return_counts=True)
     for label in labels[counts > 1].tolist() if len(labels) <= 12 else ():
@@ -239,26 +234,6 @@ def _targets(conditions: Conditions) -> Iterator[_Target]:
             if sensor.is_rotor:
                 name, changes = (("GS", ["GSA", "GSB"]), (name, ["GSB", "GSA"]), ("MU", ["MUB", "MUA"]))[k]
             yield _Target(name, PER_G, conditions.f_g[:, k : k + 1], changes)
-
-
-def _smooth(conditions: Conditions) -> Iterator[tuple[str, FloatArray]]:
-    """Yield smooth curves over temperature and time: powers one to five, shape (n, 5)."""
-    temperature = conditions.columns.get("temperature_degC")
-    known = temperature is not None and np.all(np.isfinite(temperature))
-    if known and len(np.unique(same_temperature(conditions))) > 5:
-        yield "temperature_degC", _powers("temperature_degC", conditions)
-    if len(np.unique(conditions.run)) > 7:
-        yield "start_s", _powers("start_s", conditions)
-
-
-def _bears_a_curve(driver: Driver) -> bool:
-    """Whether a recorded condition, temperature and time apart, takes enough values for a curve over it."""
-    recorded = driver.kind == "condition" and "^" not in driver.name and driver.name != "temperature_degC"
-    return recorded and len(np.unique(np.round(driver.values, 9))) >= _FEWEST_VALUES
-
-
-def _powers(name: str, conditions: Conditions, order: int = 5) -> FloatArray:
-    return np.stack([driver_values(f"{name}^{power}", conditions) for power in range(1, order + 1)], axis=1)
 
 
 def _nameless(number: int, conditions: Conditions, target: _Target, driver: str, values: FloatArray) -> Candidate:

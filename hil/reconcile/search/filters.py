@@ -5,7 +5,7 @@ determinant of their covariance, in time that is linear in rows. Pieces of rows 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,28 +25,6 @@ class Stretches:
     rows: IntArray
     own: FloatArray
     entering: FloatArray
-
-    def take(self, index: IntArray) -> "Stretches":
-        """Return some of the models."""
-        return Stretches(self.rows, np.take(self.own, index, axis=2), np.take(self.entering, index, axis=2))
-
-    def whiten(self, columns: FloatArray, out: FloatArray) -> None:
-        """Write rows of columns (N + 1, k) into `out` (t, N + 1, k), independent of each other."""
-        pieces, stretches, models, size, rows = self.own.shape
-        white = self.own.reshape(pieces, stretches, models * size, rows) @ columns[self.rows]
-        white = white.reshape(pieces, stretches, models, size, -1)
-        for before, own, entering in zip(white, white[1:], self.entering[1:], strict=False):
-            own -= entering @ before[:, :, rows:]
-        out[:, self.rows] = np.moveaxis(white[:, :, :, :rows], 2, 0)
-
-    def back(self, white: FloatArray, out: FloatArray) -> None:
-        """Write into `out` (t, N + 1, k) what the transpose of whitening makes of rows (t, N + 1, k)."""
-        pieces, stretches, models, size, rows = self.own.shape
-        given = np.zeros((pieces, stretches, models, size, white.shape[2]))
-        given[:, :, :, :rows] = np.moveaxis(white[:, self.rows], 0, 2)
-        for piece in reversed(range(1, pieces)):
-            given[piece - 1, :, :, rows:] = -np.swapaxes(self.entering[piece], 2, 3) @ given[piece]
-        out[:, self.rows] = np.moveaxis(np.swapaxes(self.own, 3, 4) @ given, 2, 0)
 
     def inner(self) -> FloatArray:
         """Return W'W of the rows of each piece, (p, m, t, n, n), W being what whitens all rows."""
@@ -73,14 +51,23 @@ class Filter:
         """Return some of the models, those at `index` (k,)."""
         if np.array_equal(index, np.arange(len(self.half_log_det))):
             return self
-        return Filter([each.take(index) for each in self.stretches], self.half_log_det[index])
+        some = [
+            replace(each, own=np.take(each.own, index, axis=2), entering=np.take(each.entering, index, axis=2))
+            for each in self.stretches
+        ]
+        return Filter(some, self.half_log_det[index])
 
     def whiten(self, columns: FloatArray) -> FloatArray:
         """Return columns (N, k), in the order of time, with rows that are independent, (t, N, k)."""
         given = np.vstack([columns, np.zeros(columns.shape[1])])
         out = np.empty((len(self.half_log_det), *given.shape))
         for each in self.stretches:
-            each.whiten(given, out)
+            pieces, stretches, models, size, rows = each.own.shape
+            own = each.own.reshape(pieces, stretches, models * size, rows) @ given[each.rows]
+            own = own.reshape(pieces, stretches, models, size, -1)
+            for before, after, entering in zip(own, own[1:], each.entering[1:], strict=False):
+                after -= entering @ before[:, :, rows:]
+            out[:, each.rows] = np.moveaxis(own[:, :, :, :rows], 2, 0)
         return out[:, :-1]
 
     def back(self, white: FloatArray) -> FloatArray:
@@ -88,7 +75,12 @@ class Filter:
         given = np.concatenate([white, np.zeros_like(white[:, :1])], axis=1)
         out = np.empty(given.shape)
         for each in self.stretches:
-            each.back(given, out)
+            pieces, stretches, models, size, rows = each.own.shape
+            own = np.zeros((pieces, stretches, models, size, given.shape[2]))
+            own[:, :, :, :rows] = np.moveaxis(given[:, each.rows], 0, 2)
+            for piece in reversed(range(1, pieces)):
+                own[piece - 1, :, :, rows:] = -np.swapaxes(each.entering[piece], 2, 3) @ own[piece]
+            out[:, each.rows] = np.moveaxis(np.swapaxes(each.own, 3, 4) @ own, 2, 0)
         return out[:, :-1]
 
 

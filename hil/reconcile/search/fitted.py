@@ -10,6 +10,7 @@ from hil.campaign import Conditions, FloatArray, IntArray
 from hil.files.numbers import rounded
 from hil.reconcile.search.block_search import BlockSearch
 from hil.reconcile.search.chains import COMPARED
+from hil.reconcile.search.evidence import SEEN
 from hil.reconcile.search.posterior import Found, Posterior
 from hil.reconcile.search.set_in_block import SetInBlock
 from hil.reconcile.search.sets import SensorSearch, Set
@@ -66,7 +67,7 @@ class FittedBlock:
         noise, points = self.search.noise, self.search.points.take(np.array([self.at]))
         white = np.linalg.inv(np.linalg.cholesky(noise.covariance(points)))
         rows, values = noise.order[:COMPARED], noise.by_station[:COMPARED] * self.calibrated
-        left = project_out(orthonormal(white @ np.hstack([self.search.block.base[rows], values]), 1e-6), white)
+        left = project_out(orthonormal(white @ np.hstack([self.search.block.base[rows], values]), SEEN), white)
         return np.asarray(left.T @ left)
 
     def beside_base(self, kind: int) -> FloatArray:
@@ -184,15 +185,9 @@ class Fitted:
         for b, block in enumerate(blocks):
             added = self.design(block, {(number, j) for j in own}) @ self.values
             part = self.posterior.term(number, rival).parts[b]
-            columns = [block.search.block.base, added[:, None], *([] if part is None else [part.columns])]
-            ends = np.cumsum([c.shape[1] for c in columns[:2]])
-            base, target, others = np.split(block.white(np.hstack(columns)), ends, axis=1)
-            base = orthonormal(base)
-            target = project_out(base, target[:, 0])
-            whole += float(target @ target)
-            if part is not None:
-                other = orthonormal(project_out(base, others), 1e-6)
-                share += float(np.sum((other.T @ target) ** 2))
+            left = block.beside(np.column_stack([added, *([] if part is None else [part.columns])]))
+            whole += float(left[:, 0] @ left[:, 0])
+            share += float(np.sum((orthonormal(left[:, 1:], SEEN).T @ left[:, 0]) ** 2))
         return float(np.sqrt(share / whole)) if whole > 0.0 else 0.0
 
     def scatter_overlap(self, name: str, rival: str) -> float:

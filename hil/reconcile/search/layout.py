@@ -43,8 +43,29 @@ def coarse(
 
     Beside the searches with values that `stand`, the base has values of its own at each temperature.
     """
-    numbers = sorted({block.sensor for block in problem.blocks})
-    return {n: _search(problem, n, mislabelled, scatter, stand.get(n)) for n in numbers}
+    out: dict[int, SensorSearch] = {}
+    for number in sorted({block.sensor for block in problem.blocks}):
+        sensor, blocks = problem.sensors[number], [block for block in problem.blocks if block.sensor == number]
+        conditions = sensor.collects.conditions
+        stated = problem.model.stated_scatter(conditions)
+        testable = min(len(block.y) - block.base.shape[1] for block in blocks) >= LEAST_FREEDOM
+        if testable and number in stand:
+            noises = [own.noise.at_each_temperature() for own in stand[number].blocks]
+        else:
+            noises = [Noise(block, conditions, scatter if testable else (), stated) for block in blocks]
+        laid = [BlockSearch.of(block, own) for block, own in zip(blocks, noises, strict=True)]
+        out[number] = SensorSearch(laid, [])
+        if not testable:
+            continue
+        candidates = [c for c in problem.candidates if c.sensor == number]
+        solved = AsSolved.of(problem.campaign, number)
+        candidates += may_be_wrong(number, blocks, conditions, solved)
+        if any(isinstance(effect, Mislabelled) for effect in mislabelled):
+            candidates += exchanges(sensor, blocks, solved)
+        found = _terms(problem, number, candidates, laid)
+        told = as_told(found, solved, problem.campaign.exchanged.get(number, ()))
+        out[number] = SensorSearch(laid, told, solved.among(told))
+    return out
 
 
 def refined(problem: Problem, found: Mapping[int, SensorSearch]) -> Mapping[int, SensorSearch]:
@@ -58,34 +79,6 @@ def refined(problem: Problem, found: Mapping[int, SensorSearch]) -> Mapping[int,
             between = _terms(problem, number, [c for _, own in finer for c in own], search.blocks)
             search.terms += [replace(t, log_odds=log_odds[id(t.candidate)]) for t in between]
     return found
-
-
-def _search(
-    problem: Problem,
-    number: int,
-    mislabelled: Sequence[Effect],
-    scatter: Sequence[VarianceEffect],
-    stands: SensorSearch | None,
-) -> SensorSearch:
-    sensor, blocks = problem.sensors[number], [block for block in problem.blocks if block.sensor == number]
-    conditions = sensor.collects.conditions
-    stated = problem.model.stated_scatter(conditions)
-    testable = min(len(block.y) - block.base.shape[1] for block in blocks) >= LEAST_FREEDOM
-    if stands is not None and testable:
-        noises = [own.noise.at_each_temperature() for own in stands.blocks]
-    else:
-        noises = [Noise(block, conditions, scatter if testable else (), stated) for block in blocks]
-    laid = [BlockSearch.of(block, own) for block, own in zip(blocks, noises, strict=True)]
-    if not testable:
-        return SensorSearch(laid, [])
-    candidates = [c for c in problem.candidates if c.sensor == number]
-    solved = AsSolved.of(problem.campaign, number)
-    candidates += may_be_wrong(number, blocks, conditions, solved)
-    if any(isinstance(effect, Mislabelled) for effect in mislabelled):
-        candidates += exchanges(sensor, blocks, solved)
-    found = _terms(problem, number, candidates, laid)
-    told = as_told(found, solved, problem.campaign.exchanged.get(number, ()))
-    return SensorSearch(laid, told, solved.among(told))
 
 
 def _terms(

@@ -22,7 +22,6 @@ POINTS = 48
 """Points of the noise that a block is weighed at: what the data leave probable under any of the leading sets."""
 DEPTH = 9.0
 """Noise this much (in log probability) below the best is left out: one part in eight thousand."""
-_ONE = np.zeros(1, dtype=np.int64)
 
 
 @dataclass(frozen=True)
@@ -90,7 +89,7 @@ class _Rows:
 
     def climb(self) -> list[tuple[Profile, FloatArray]]:
         """Return of each variant how values likeliest follow, and the heights (κ,) beside that."""
-        stand = self.noise.profiles[0]
+        stand = next(iter(self.noise.profiles))
         if not self.noise.calibrated:
             return [(stand, self.everywhere(v, stand)) for v in range(len(self.variants))]
         ordinary = np.flatnonzero(self.grid.sort == 0)
@@ -137,7 +136,7 @@ class _Rows:
         for place in range(len(profile)):
             near = [(*profile[:place], way, *profile[place + 1 :]) for way in FOLLOWS]
             near = [profile, *(own for own in near if own != profile and own not in others)]
-            heights = only.heights(_ONE, near).ravel()
+            heights = only.heights(np.arange(1), near).ravel()
             out += float(log_sum(heights - heights[0]))
         return out
 
@@ -157,7 +156,7 @@ class _Rows:
         place = stays = 0
         while stays < len(best):  # since one last went another way, all others were asked
             changed = [(*best[:place], way, *best[place + 1 :]) for way in FOLLOWS]
-            likeliest = changed[int(np.argmax(self.heights(_ONE, changed)))]
+            likeliest = changed[int(np.argmax(self.heights(np.arange(1), changed)))]
             stays = stays + 1 if likeliest == best else 1
             best, place = likeliest, (place + 1) % len(best)
         return best

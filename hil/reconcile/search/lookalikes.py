@@ -11,11 +11,10 @@ from itertools import pairwise
 import numpy as np
 
 from hil.campaign import FloatArray
+from hil.reconcile.search.evidence import SEEN
 from hil.reconcile.search.sets import SensorSearch, Set
 from hil.reconcile.search.terms import IDENTICAL
 from hil.solve.identifiability import orthonormal
-
-_NONE = 1e-6  # of columns of unit size: a direction of which the base leaves so little is none
 
 
 def lookalikes(search: SensorSearch, chosen: Set) -> dict[int, list[int]]:
@@ -68,9 +67,9 @@ def _alike(left: dict[int, FloatArray], own: int, others: Sequence[int]) -> list
     """
     if own not in left:
         return [k for k in others if k not in left]
-    basis, out = orthonormal(left[own], _NONE), []
+    basis, out = orthonormal(left[own], SEEN), []
     for k in (k for k in others if k in left):
-        other = orthonormal(left[k], _NONE)
+        other = orthonormal(left[k], SEEN)
         same = other.shape[1] == basis.shape[1] > 0
         if same and np.linalg.svd(basis.T @ other, compute_uv=False).min() > IDENTICAL:
             out.append(k)

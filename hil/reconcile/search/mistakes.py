@@ -1,11 +1,5 @@
 """Mistakes that there may be in the data: rows and runs that are spoiled, labels that are exchanged.
 
-solved = AsSolved.of(campaign, 2)                            # what `hil solve` does about rows
-may_be_wrong(2, blocks, conditions, solved)                  # candidates: what stands there says nothing
-found = exchanges(sensor, blocks, solved)                    # one candidate per exchange in one run
-terms = as_told(terms, collects, exchanged)                  # with odds by what accelerometers show
-solved.among(terms)                                          # sets to start from: the terms that are that answer
-
 Each competes with every effect. Of a year of nights those are asked about that differ most from their neighbours; of a
 run with which nothing can be compared, what `hil solve` says of it.
 """
@@ -68,23 +62,19 @@ def runs_to_ask(blocks: Sequence[Block], conditions: Conditions, solved: "AsSolv
 
 
 def _odd(blocks: Sequence[Block], conditions: Conditions, named: BoolArray) -> FloatArray:
-    """How far each collect (n,) is off its neighbours, in the worst of its channels; further than all where `named`."""
+    """How far each collect (n,) is off the median of its neighbours in the same position, in units of the noise.
+
+    That is in the worst of its channels; and further than all where `named`.
+    """
     out = np.where(named, np.inf, 0.0)
     for block in blocks:
-        np.maximum.at(out, block.rows, _oddness(block, conditions))
-    return out
-
-
-def _oddness(block: Block, conditions: Conditions) -> FloatArray:
-    """How far each row (N,) is off the median of its neighbours in the same position, in units of the noise."""
-    left = (block.y - block.base @ np.linalg.lstsq(block.base, block.y, rcond=None)[0]) / block.sigma
-    out = np.zeros(len(left))
-    for channel, position in itertools.product(np.unique(block.channel), np.unique(conditions.position)):
-        here = np.flatnonzero((block.channel == channel) & (conditions.position[block.rows] == position))
-        if len(here) > NEIGHBOURS:
-            padded = np.pad(left[here], NEIGHBOURS, mode="reflect")
-            around = np.lib.stride_tricks.sliding_window_view(padded, 2 * NEIGHBOURS + 1)
-            out[here] = np.abs(left[here] - np.median(around, axis=1))
+        left = (block.y - block.base @ np.linalg.lstsq(block.base, block.y, rcond=None)[0]) / block.sigma
+        for channel, position in itertools.product(np.unique(block.channel), np.unique(conditions.position)):
+            here = np.flatnonzero((block.channel == channel) & (conditions.position[block.rows] == position))
+            if len(here) > NEIGHBOURS:
+                padded = np.pad(left[here], NEIGHBOURS, mode="reflect")
+                around = np.lib.stride_tricks.sliding_window_view(padded, 2 * NEIGHBOURS + 1)
+                np.maximum.at(out, block.rows[here], np.abs(left[here] - np.median(around, axis=1)))
     return out
 
 
@@ -220,17 +210,7 @@ def exchanges(sensor: SensorProblem, blocks: Sequence[Block], solved: AsSolved) 
             other = np.where(missing, sensor.predicted_from(other), other)
         columns = np.nan_to_num(rates - other)[..., None]
         if np.any(columns):
-            yield Candidate(
-                effect.id,
-                0,
-                sensor.number,
-                columns,
-                effect.parameters_for(conditions),
-                shape=shape,
-                effect=effect,
-                title=effect.title,
-                equation=effect.equation,
-            )
+            yield Candidate.of(effect, 0, conditions, columns, shape)
 
 
 def as_told(terms: Sequence[Term], solved: AsSolved, exchanged: Collection[tuple[int, int]]) -> list[Term]:

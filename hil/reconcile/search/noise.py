@@ -22,7 +22,7 @@ from hil.model.effects.prior import OFFSETS, log_offset, scatter_log_odds, sizes
 from hil.model.effects.scatter import Scatter
 from hil.reconcile.search.chains import COMPARED, PIECE, Chain, chain_of, grouped, in_time, joined
 from hil.reconcile.search.filters import Filter, filter_of
-from hil.reconcile.search.points import FIXED, LEVELS, Kind, Points, Profile, log_profile, values_over_temperature
+from hil.reconcile.search.points import FOLLOWS, LEVELS, Kind, Points, Profile, log_profile, values_over_temperature
 from hil.solve.rows import Block
 
 TAKEN = 8.0
@@ -65,7 +65,7 @@ class Noise:
         runs = len(np.unique(run))
         self.has_offsets = runs > 1 and len(rows) / runs / apart.shape[1] > 1.5
         self.alike: dict[str, dict[str, float]] = {}  # by name what is the same here, so many times as probable
-        self.kinds = list(self._kinds(conditions, effects, rows, channel)) if self.has_offsets else []
+        self.kinds = list(self._kinds(effects, rows, channel)) if self.has_offsets else []
         self.sorts = list(dict.fromkeys(frozenset({name} - {""}) for name in ("", *(k.name for k in self.kinds))))
         self._chains: dict[bytes, Chain] = {}
         self._whitens: list[tuple[IntArray, Filter]] = []
@@ -87,19 +87,12 @@ class Noise:
         self.calibrated, self.by_station = calibrated, by_station[:, :many]
         self._shapes = [own[:many, :many] for own in shapes]
         self._known: dict[int, FloatArray] = {}
-        self.profiles: list[Profile] = [(FIXED,) * self.block.values.shape[1]]
-        self._places = {self.profiles[0]: 0}
+        self.profiles: dict[Profile, int] = {FOLLOWS[:1] * self.block.values.shape[1]: 0}  # with their places
 
-    def _kinds(
-        self,
-        conditions: Conditions,
-        effects: Sequence[VarianceEffect],
-        rows: IntArray,
-        channel: IntArray,
-    ) -> Iterator[Kind]:
+    def _kinds(self, effects: Sequence[VarianceEffect], rows: IntArray, channel: IntArray) -> Iterator[Kind]:
         """Yield what these rows can tell from ordinary noise and each other; what is `alike` is kept apart."""
         ordinary = [np.eye(len(self.offset.covariance)), np.diag(self.white[:COMPARED]), self.offset.covariance]
-        known = [("", 1.0, _unit(own)) for own in ordinary]
+        known, conditions = [("", 1.0, _unit(own)) for own in ordinary], self.conditions
         for effect in effects:
             if not effect.applies_to(conditions.sensor) or effect.missing(conditions):
                 continue
@@ -242,7 +235,7 @@ class Noise:
     def factor(self, profile: int) -> FloatArray:
         """Return the factor (r, r) of what is known of the columns `by_station` (N, r) before the data."""
         if profile not in self._known:
-            parts = [far * self._shapes[shape] for far, shape in self.profiles[profile]]
+            parts = [far * self._shapes[shape] for far, shape in [*self.profiles][profile]]
             size, stations = len(parts), len(self._shapes[0])
             out = np.zeros((size, stations, size, stations))
             for k, part in enumerate(parts):
@@ -252,10 +245,7 @@ class Noise:
 
     def place(self, profile: Profile) -> int:
         """Return the place of a profile, which is kept from now on."""
-        if profile not in self._places:
-            self._places[profile] = len(self.profiles)
-            self.profiles.append(profile)
-        return self._places[profile]
+        return self.profiles.setdefault(profile, len(self.profiles))
 
     def log_profile(self, profile: Profile) -> float:
         """Return the log prior of a profile, where values may follow temperature."""

@@ -18,10 +18,10 @@ CALIBRATIONS = (4.0, 12.0, 36.0, 108.0, 324.0)
 """How far a value of the base follows temperature, in white noises: wide priors of what the data then settle."""
 SHAPES = ((1.0, 0.0, 0.0), (0.5, 0.49, 0.01), (0.45, 0.45, 0.1), (0.0, 0.0, 1.0))
 """Shares of a straight line, of a smooth curve, and of what each temperature has for itself."""
-FIXED = (0.0, 0)
-FOLLOWS = (FIXED, *product(CALIBRATIONS, range(len(SHAPES))))
-"""What one value of the base may do over temperature: how far it follows, and in what shape."""
-ALONE = 0.5  # how probably a value follows temperature in its own way, not in that of the unit's others
+FOLLOWS = ((0.0, 0), *product(CALIBRATIONS, range(len(SHAPES))))
+"""What one value of the base may do over temperature: how far it follows, and in what shape; stand, first of all."""
+SAME_SHAPE = 0.5
+"""How probably what several have is of one shape in all of them: values of a sensor, or one effect in its sensors."""
 SMOOTH_DEGC = 30.0
 """Over which a smooth curve forgets itself: values of a unit turn two or three times over a sweep, not more."""
 Profile = tuple[tuple[float, int], ...]
@@ -95,8 +95,8 @@ class Points:
 @cache
 def log_profile(profile: Profile) -> float:
     """Log prior of what the values of the base do: some way that is the unit's, of which some of them depart."""
-    alone = ALONE / len(FOLLOWS)
-    alike = [np.prod([alone + (1.0 - ALONE) * (own == way) for own in profile]) for way in FOLLOWS]
+    alone = (1.0 - SAME_SHAPE) / len(FOLLOWS)
+    alike = [np.prod([alone + SAME_SHAPE * (own == way) for own in profile]) for way in FOLLOWS]
     return float(np.log(np.mean(alike)))
 
 

@@ -1,8 +1,4 @@
-"""The posterior over sets of terms in all sensors: grown from the likeliest, weighed by one evidence.
-
-posterior = weigh(searches)
-posterior.sets[0]                   # the most probable: terms by sensor, and its probability
-"""
+"""The posterior over sets of terms in all sensors: grown from the likeliest, weighed by one evidence."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,11 +10,10 @@ import numpy as np
 from hil.campaign import FloatArray
 from hil.model.effects.base import VarianceEffect
 from hil.model.effects.prior import SCATTER, in_another, log_sum, scatter_log_odds
-from hil.reconcile.search.common_states import same_states
 from hil.reconcile.search.lookalikes import exchanged, lookalikes
 from hil.reconcile.search.sets import SensorSearch, Set
 from hil.reconcile.search.terms import Term
-from hil.reconcile.search.together import log_prior
+from hil.reconcile.search.together import log_prior, same_states
 
 WIDTH = (8, 5, 4, 3, 2)  # how many sets are grown further, at none, one, two … terms
 NARROW = (2, 2, 2, 1, 1)  # and where it is only asked what sets come to, about
@@ -67,6 +62,14 @@ class Posterior:
     def names(self, found: Found) -> frozenset[str]:
         """Return the names in a set: of what moves averages, all without a name as one, and of what scatters them."""
         return found.scatter | {term.called for term in self.members(found)} - {""}
+
+    @cached_property
+    def likely(self) -> Mapping[str, float]:
+        """How probable each name is that is in any of the sets."""
+        out: dict[str, float] = {}
+        for found in self.sets:
+            out |= {name: out.get(name, 0.0) + float(np.exp(found.log_weight)) for name in self.names(found)}
+        return out
 
     @cached_property
     def scatter(self) -> Mapping[str, VarianceEffect]:

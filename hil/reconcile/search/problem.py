@@ -118,17 +118,12 @@ def pose(campaign: Campaign, model: Model, catalogue: Sequence[Effect]) -> Probl
         collects, sensor, form = campaign.sensors[number], sensors[number], sensors[number].form
         own = collects.conditions.sensor
         asked = [effect for effect in catalogue if effect.beside_form(form.names, own)]
-        found = catalogue_candidates(number, collects.conditions, sensor.base_beside, asked)
-        candidates += [_made_anew(each, sensor) for each in found]
+        for each in catalogue_candidates(collects.conditions, sensor.base_beside, asked):
+            many = isinstance(each.laid, np.ndarray) and each.laid.nbytes > LARGE  # made where they are asked for
+            made = partial(_made, replace(each, laid=np.zeros(0)), sensor)
+            candidates.append(replace(each, laid=made) if many else each)
         candidates += list(second_tier(number, collects.conditions))
     return Problem(campaign, model, sensors, blocks, candidates, tuple(notes))
-
-
-def _made_anew(candidate: Candidate, sensor: SensorProblem) -> Candidate:
-    """Return a candidate of many rows without its columns, which are then made where they are asked for."""
-    if isinstance(candidate.laid, np.ndarray) and candidate.laid.nbytes > LARGE:
-        return replace(candidate, laid=partial(_made, replace(candidate, laid=np.zeros(0)), sensor))
-    return candidate
 
 
 def _made(candidate: Candidate, sensor: SensorProblem) -> FloatArray:
@@ -156,30 +151,21 @@ def _starved(block: Block, collects: Collects) -> str:
 
 def _sensor(number: int, collects: Collects, model: Model, form: LinearForm) -> SensorProblem:
     conditions = collects.conditions
-    given = _given(model, form, conditions)
+    temperature, curves = conditions.columns.get("temperature_degC"), model.sensors.get(number, {}).values()
+    known = temperature is not None and bool(np.all(np.isfinite(temperature)))
+    # Values that follow temperature in a way that the form does not refit stand.
+    stand = known and form.reference_degC is None and any(curve.depends_on_temperature for curve in curves)
+    given = model if stand else None
     columns = form.columns(conditions)
-    known = conditions.w_channels_deg_per_hr if given is None else given.base_for(conditions).rates
-    rates = collects.rates_deg_per_hr - known
-    values = fit_to(rates, columns, collects.rates_se_deg_per_hr)
-    base = _base(form, conditions, values, given)
-    terms = _term_columns(model, conditions, base)
-    if terms.shape[2]:
+    fixed = conditions.w_channels_deg_per_hr if given is None else given.base_for(conditions).rates
+    rates = collects.rates_deg_per_hr - fixed
+    terms = columns[:, :, :0]
+    for _ in range(2):  # terms are what they are beside the base, and the base is what it is beside them
         joint = fit_to(rates, np.concatenate([columns, terms], axis=2), collects.rates_se_deg_per_hr)
         values = joint[: columns.shape[2]]
         base = _base(form, conditions, values, given)
         terms = _term_columns(model, conditions, base)
     return SensorProblem(number, collects, form, values, base, terms, given)
-
-
-def _given(model: Model, form: LinearForm, conditions: Conditions) -> Model | None:
-    """Return the model where its values for this sensor follow temperature in a way that its form does not refit."""
-    number = conditions.sensor.number
-    if form.reference_degC is not None or number not in model.sensors:
-        return None
-    temperature = conditions.columns.get("temperature_degC")
-    follows = any(curve.depends_on_temperature for curve in model.sensors[number].values())
-    known = temperature is not None and bool(np.all(np.isfinite(temperature)))
-    return model if follows and known else None
 
 
 def _base(form: LinearForm, conditions: Conditions, values: FloatArray, given: Model | None) -> Base:
@@ -219,10 +205,8 @@ def base_at(form: LinearForm, conditions: Conditions, values: FloatArray) -> Bas
     temperature = conditions.columns.get("temperature_degC")
     if temperature is None:
         return Base(bias, k, rates, np.zeros_like(bias), np.zeros_like(k))
-    warmer = replace(conditions, columns={**conditions.columns, "temperature_degC": temperature + 0.5})
-    colder = replace(conditions, columns={**conditions.columns, "temperature_degC": temperature - 0.5})
-    bias_up, k_up = form.terms(warmer, values)
-    bias_down, k_down = form.terms(colder, values)
+    at = ({**conditions.columns, "temperature_degC": temperature + off} for off in (0.5, -0.5))
+    (bias_up, k_up), (bias_down, k_down) = (form.terms(replace(conditions, columns=each), values) for each in at)
     return Base(bias, k, rates, bias_up - bias_down, k_up - k_down)
 
 

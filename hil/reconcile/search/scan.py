@@ -39,10 +39,7 @@ class Group:
         return np.asarray(rows.reshape(-1, rows.shape[2]) @ self.columns).reshape(*rows.shape[:2], -1)
 
     def at(
-        self,
-        points: Sequence[Hashable],
-        project: Callable[[FloatArray, IntArray], FloatArray],
-        at_once: int,
+        self, points: Sequence[Hashable], project: Callable[[FloatArray, IntArray], FloatArray], at_once: int
     ) -> "Group":
         """Return the same at some points: what is known of them stays.
 
@@ -76,7 +73,8 @@ class Group:
             for i, (_, prior) in enumerate(priors):
                 tried[i, : len(prior.sizes)], weights[i, : len(prior.sizes)] = prior.sizes, prior.log_weights
             own = [part for place in places.tolist() if (part := parts[place]) is not None]
-            values, rows = (np.concatenate(of) for of in zip(*(part.by_column for part in own), strict=True))
+            values = np.concatenate([part.values.T.ravel() for part in own])
+            rows = np.concatenate([np.tile(part.rows, q) for part in own])
             ends = np.cumsum([0, *np.repeat([len(part.rows) for part in own], q)], dtype=np.int32)
             columns = csc_array((values, rows.astype(np.int32), ends), (own[0].many, len(ends) - 1))
             columns.eliminate_zeros()

@@ -1,9 +1,4 @@
-"""The evidence of sets of terms in one sensor: the one function that everything else calls, and what it proposes.
-
-search = SensorSearch(blocks, noises, terms)
-search.evidence([(3, 17)])     # log evidence of terms 3 and 17 together, by what scatters and block
-search.likely_sets()           # the sets that are worth anything
-"""
+"""The evidence of sets of terms in one sensor: the one function that everything else calls, and what it proposes."""
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -135,28 +130,23 @@ class SensorSearch:
 
     def scan(self, given: Set) -> FloatArray:
         """Log Bayes factor of every further term beside a set, whose own amplitudes are then free, (j,)."""
-        known = self._scanned.get(given, np.zeros(0))
-        if len(known) < len(self.terms):
-            known = self._scanned[given] = np.append(known, self._scan(given, len(known)))
-        return known
-
-    def _scan(self, given: Set, first: int) -> FloatArray:
-        """Scan the terms from the `first` on."""
-        total = np.zeros(len(self.terms))
+        known = self._scanned.get(given)
+        if known is not None and len(known) == len(self.terms):
+            return known
+        total = self._scanned[given] = np.zeros(len(self.terms))
         for b, (search, groups) in enumerate(zip(self.blocks, self._groups(), strict=True)):
             base, here = search.beside.at(search.scanned), [j for j in given if self.terms[j].parts[b]]
-            new = slice(sum(group.places[0] < first for group in groups), None)
-            products = [(score, score[:, :0]) for score in self._products(b, None)[new]]
+            products = [(score, score[:, :0]) for score in self._products(b, None)]
             beside = base
             if here:
                 beside = base.beside(np.concatenate([self.member(j, b).columns[search.scanned] for j in here], axis=2))
                 added = beside.basis[:, :, base.basis.shape[2] :]
                 taken = base.residual[:, None] @ added
-                of_members = zip(*(self._products(b, j)[new] for j in here), strict=True)
+                of_members = zip(*(self._products(b, j) for j in here), strict=True)
                 shared = [np.swapaxes(beside.turn, 1, 2) @ np.concatenate(own, axis=1) for own in of_members]
                 products = [(score - taken @ own, own) for (score, _), own in zip(products, shared, strict=True)]
-            total += self._factors(search, groups[new], beside, beside.rss[:, None], products)[0]
-        return total[first:]
+            total += self._factors(search, groups, beside, beside.rss[:, None], products)[0]
+        return total
 
     def scan_many(self, data: Sequence[FloatArray], most: int | None = None) -> FloatArray:
         """Log Bayes factor of every term beside the base in other data: (j, m) of rates (N, m), deg/hr, by block.

@@ -7,7 +7,7 @@ terms like any other, and compete with them.
 
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -51,11 +51,6 @@ class Part:
         out = np.zeros((self.many, len(self.parameters)))
         out[self.rows] = self.values
         return out
-
-    @property
-    def by_column(self) -> tuple[FloatArray, IntArray]:
-        """The values column by column, and the rows that they stand in, (k·q,) each."""
-        return self.values.T.ravel(), np.tile(self.rows, self.values.shape[1])
 
 
 @dataclass(frozen=True)
@@ -150,8 +145,12 @@ def terms(
     out = []
     for (candidate, scale, parts), odds in zip(seen, _prior_odds([c for c, _, _ in seen], conditions), strict=True):
         amplitudes = _amplitudes(candidate, scale, noise_deg_per_hr, known.get(candidate.name, ()))
-        own = tuple(() if p is None else tuple(_of_part(a, p) for a in amplitudes) for p in parts)
-        acting = [set(part.parameters.tolist()) for part in parts if part is not None]
+        acts = [np.zeros(0, np.int64) if part is None else part.parameters for part in parts]
+        own = tuple(
+            tuple(replace(a, deviation=a.deviation[k], mean=a.mean[k]) for a in amplitudes) if len(k) else ()
+            for k in acts
+        )
+        acting = [set(k.tolist()) for k in acts if len(k)]
         shared, sized = any(a & b for a, b in itertools.combinations(acting, 2)), not _is_exact(candidate)
         ties, apart, log_odds = shared and sized, len(acting) > 1 and sized and not shared, float(np.log(odds))
         absent = 1.0 - in_another(candidate.effect) if apart and candidate.tier else 0.0
@@ -243,27 +242,18 @@ def _amplitudes(
         one, log_weight = np.ones(1), np.full(1, -np.log(len(choices)))
         right = EXACT if candidate.tier else noise / float(np.linalg.norm(candidate.columns))
         return [Amplitude(right * rms, one, log_weight, mean * rms) for mean in choices]
-    middle, sizes, log_weights = _sizes(candidate, rms, noise)
-    free = 1.0 - sum(weight for weight, _, _ in known)
-    return [
-        Amplitude(middle, sizes, log_weights + np.log(free), np.zeros(count)),
-        *(Amplitude(deviation * rms, np.ones(1), np.log([weight]), mean * rms) for weight, mean, deviation in known),
-    ]
-
-
-def _sizes(candidate: Candidate, rms: FloatArray, noise: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """What each column is of a typical value, and how many times that it may be, with log weights."""
     if candidate.tier != 1:
         # Of what nobody has described, sizes from the noise up are as probable, order by order.
         typical = 0.5 * noise, 50.0 * noise
         # A curve of several columns is as large as one column would be.
-        centre = np.full(len(rms), np.sqrt(0.5 * 50.0 / max(len(rms), 1)) * noise)
+        centre = np.full(count, np.sqrt(0.5 * 50.0 / max(count, 1)) * noise)
     else:
         typical = candidate.parameters[0].typical
         times = POWERS.get(candidate.form, 1)  # each power is as large as the value itself, over the campaign's range
-        centre = np.array([middle(p) for p in candidate.parameters]) * np.tile(rms[: len(rms) // times], times)
-    return centre, *ladder(typical)
-
-
-def _of_part(of: Amplitude, part: Part) -> Amplitude:
-    return Amplitude(of.deviation[part.parameters], of.sizes, of.log_weights, of.mean[part.parameters])
+        centre = np.array([middle(p) for p in candidate.parameters]) * np.tile(rms[: count // times], times)
+    sizes, log_weights = ladder(typical)
+    free = 1.0 - sum(weight for weight, _, _ in known)
+    return [
+        Amplitude(centre, sizes, log_weights + np.log(free), np.zeros(count)),
+        *(Amplitude(deviation * rms, np.ones(1), np.log([weight]), mean * rms) for weight, mean, deviation in known),
+    ]

@@ -15,9 +15,9 @@ from hil.campaign import Campaign
 from hil.campaign.reader import read_campaign
 from hil.config import Bench, load_sweep
 from hil.model import load_model
+from hil.model.effects.series import Ramp
 from hil.night import start_night
 from hil.reconcile import Reconciliation, reconcile, write_result
-from hil.reconcile.inside import RAMP
 from hil.records.export import campaign_of_night, export_campaign
 from hil.solve import solve_campaign
 from tests.hil.twin.quiet import changed_bench
@@ -86,5 +86,5 @@ def test_a_night_answers_as_its_export_does(tmp_path: Path) -> None:
     told = [
         reconcile(each, "matrix-6", prove=False).document() for each in (night, read_campaign(tmp_path / "campaign"))
     ]
-    assert {each["id"] for each in told[0]["within_collects"]} == {RAMP}
+    assert {each["id"] for each in told[0]["within_collects"]} == {Ramp.id}
     assert told[0] == told[1]

@@ -12,10 +12,10 @@ from hil.model import load_model
 from hil.model.effects.catalogue import BASE_EFFECTS, EFFECTS, VARIANCE_EFFECTS, variance_effect_by_id
 from hil.reconcile import reconcile
 from hil.reconcile.search import likely_noise
-from hil.reconcile.search.common_states import same_states
 from hil.reconcile.search.layout import searches
 from hil.reconcile.search.points import Profile
 from hil.reconcile.search.problem import pose
+from hil.reconcile.search.together import same_states
 from tests.hil.reconcile.hidden_effects import ANGLES, Rows, base_rates, campaign_of, lay_out
 
 RUNS = 10

@@ -183,7 +183,7 @@ def test_values_that_follow_temperature_are_in_the_evidence(
     chosen = tuple(term(calibrated, name) for name in names)
     for b, evidence in enumerate(SensorSearch(calibrated.blocks, calibrated.terms).evidence([chosen])[0]):
         own = calibrated.blocks[b]
-        assert any(far for p in np.unique(own.points.profile) for far, _ in own.noise.profiles[p])
+        assert any(far for p in np.unique(own.points.profile) for far, _ in [*own.noise.profiles][p])
         expected = brute_force(calibrated, chosen, b)
         seen = np.isfinite(expected)
         np.testing.assert_allclose(evidence[seen], expected[seen], atol=1e-5)

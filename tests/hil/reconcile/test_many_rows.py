@@ -21,7 +21,7 @@ from hil.reconcile.search.layout import searches
 from hil.reconcile.search.likely_noise import _Rows
 from hil.reconcile.search.mistakes import AsSolved, exchanges, may_be_wrong
 from hil.reconcile.search.noise import Noise
-from hil.reconcile.search.points import FIXED, FOLLOWS, Points, Profile, log_profile
+from hil.reconcile.search.points import FOLLOWS, Points, Profile, log_profile
 from hil.reconcile.search.problem import Problem, pose
 from tests.hil.reconcile.hidden_effects import Rows, base_rates, both, hidden_campaign
 
@@ -139,7 +139,7 @@ def test_a_step_is_found_where_it_is_though_not_every_place_was_tried_first() ->
     effect = effect_by_id("jump")
     passed_over = len(effect.shape_grid(conditions)) // SHAPES
     assert passed_over > 0
-    tried = list(catalogue_candidates(2, conditions, sensor.base_beside, [effect]))
+    tried = list(catalogue_candidates(conditions, sensor.base_beside, [effect]))
     search = searches(problem, (), ())[2]
     jumps = [term for term in search.terms if term.name == "jump"]
     assert len(jumps) > len(tried) > len(effect.shape_grid(conditions)) // (passed_over + 2)
@@ -166,7 +166,7 @@ def test_each_value_of_the_base_follows_temperature_in_its_own_way() -> None:
     search = searches(problem, (), (), searches(problem, (), ()))[2]
     for own in search.blocks:
         weight = own.beside.log_null() + own.points.log_prior
-        profile = own.noise.profiles[int(own.points.profile[np.argmax(weight)])]
+        profile = [*own.noise.profiles][int(own.points.profile[np.argmax(weight)])]
         names = search.blocks[0].block.base.shape[1]
         assert len(profile) == names
         bias, mu = profile[0], profile[-1]
@@ -178,7 +178,7 @@ def test_each_value_of_the_base_follows_temperature_in_its_own_way() -> None:
 def test_values_that_follow_alike_are_likelier_before_the_data() -> None:
     """Half of them do as the unit's others; the prior adds up to one."""
     one, other = FOLLOWS[3], FOLLOWS[8]
-    assert log_profile((one, one, one)) > log_profile((one, one, other)) > log_profile((one, other, FIXED))
+    assert log_profile((one, one, one)) > log_profile((one, one, other)) > log_profile((one, other, FOLLOWS[0]))
     total = sum(np.exp(log_profile((a, b))) for a in FOLLOWS for b in FOLLOWS)
     assert total == pytest.approx(1.0)
 
@@ -207,7 +207,7 @@ def test_every_set_climbs_by_its_own_heights(monkeypatch: pytest.MonkeyPatch) ->
     problem, climb, checked = season(), _Rows.climb, []
 
     def compared(rows: _Rows) -> list[tuple[list[Profile], FloatArray]]:
-        profile = (FOLLOWS[3],) * len(rows.noise.profiles[0])
+        profile = (FOLLOWS[3],) * len(next(iter(rows.noise.profiles)))
         every = rows.heights(np.arange(len(rows.grid)), [profile])[:, :, 0]
         for v, heights in enumerate(every):
             np.testing.assert_allclose(rows.everywhere(v, profile), heights)

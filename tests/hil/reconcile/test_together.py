@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from hil.model.effects.prior import COMMON, SHARED
-from hil.reconcile.search.together import SAME_SHAPE, log_prior
+from hil.reconcile.search.points import SAME_SHAPE
+from hil.reconcile.search.together import log_prior
 
 ODDS = -5.0
 
