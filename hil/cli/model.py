@@ -106,7 +106,8 @@ def _values(parameters: Sequence[Mapping[str, Any]]) -> Iterator[str]:
 def twin(campaign: Path, model: str, draws: int = 20, seed: int = 1, out: Path | None = None) -> Answer:
     """Simulate the same night with a model, many times, through bytes; say whether the measured one can be told."""
     from hil.likeness import likeness
-    from hil.reconcile.outcome.sentences import APART, of_few
+    from hil.model.effects.prior import ALPHA
+    from hil.reconcile.outcome.sentences import of_few
     from hil.records.units import place_of
 
     night, unit = place_of(campaign.resolve())
@@ -114,7 +115,7 @@ def twin(campaign: Path, model: str, draws: int = 20, seed: int = 1, out: Path |
     check_result_folder(keep)
     with _bar(draws) as done:
         document = likeness(campaign, model, keep=keep, draws=draws, seed=seed, done=done)
-    return Answer(document, {"keep": keep, "level": APART, "of_few": of_few(draws)})
+    return Answer(document, {"keep": keep, "level": ALPHA, "of_few": of_few(draws)})
 
 
 @contextmanager

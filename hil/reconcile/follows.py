@@ -22,9 +22,8 @@ from hil.solve.temperatures import runs_by_temperature
 
 AGAIN = "a second run at a temperature that has one"
 """What tells what changes from run to run from what follows temperature."""
-ELSEWHERE = "the same collects at further temperatures, for longer, and in another order"
-"""What tells effects on the scatter that these rows cannot tell: one of it does."""
-_MOST = 3  # drivers of which one is followed: of more nothing is said
+MOST = 3
+"""Drivers of which one is followed, names that may be right instead: of more nothing is said."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +63,7 @@ def what_it_follows(posterior: Posterior, beside: Mapping[str, Sequence[Unasked]
     of_each = [(driver, share([driver])) for driver in dict.fromkeys(d for own in names.values() for d in own)]
     shares = sorted((each for each in of_each if each[1] >= LEAST), key=lambda each: -round(each[1], 6))
     open_ones = [driver for driver, chance in shares if chance < CERTAIN]
-    for many in range(2, 1 + min(len(open_ones), _MOST)):
+    for many in range(2, 1 + min(len(open_ones), MOST)):
         if (chance := share(open_ones[:many])) >= CERTAIN:
             return Follows(shares, {"drivers": open_ones[:many], "probability": chance})
     return Follows(shares)
@@ -96,8 +95,9 @@ def unasked(posterior: Posterior) -> dict[str, Sequence[Unasked]]:
     for block in (block for search in posterior.searches.values() for block in search.blocks):
         for name, weights in block.noise.alike.items():
             alike.setdefault(name, {}).update(weights)
+    elsewhere = "the same collects at further temperatures, for longer, and in another order"  # one of it tells them
     for name, weights in alike.items():
-        out[name] = [Unasked(variance_effect_by_id(n), weight, ELSEWHERE) for n, weight in weights.items()]
+        out[name] = [Unasked(variance_effect_by_id(n), weight, elsewhere) for n, weight in weights.items()]
     if not repeated(conditions.values()):
         kin = {name: effect.kin for name, effect in posterior.scatter.items() if effect.follows == "run"}
         out |= {name: [Unasked(effect_by_id(n), w, AGAIN) for n, w in own.items()] for name, own in kin.items()}

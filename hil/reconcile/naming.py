@@ -1,8 +1,4 @@
-"""What is read off the posterior: what is missing, what it is called, what else it may be, and what it follows.
-
-reading = read(posterior, alpha)
-reading.names           # one Named per effect: probability, rivals, what data and what physics say
-"""
+"""What is read off the posterior: what is missing, what it is called, what else it may be, and what it follows."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -19,11 +15,10 @@ from hil.reconcile.search.fitted import Fitted, fitted
 from hil.reconcile.search.posterior import Found, Posterior
 from hil.reconcile.search.terms import NO_NAME, Term
 from hil.solve.explained import CERTAIN as DONE
+from hil.solve.uncertain import RARE
 
 LIKELY = 0.5
 """And from which a row is left out where nothing else may be missing: more probable than not."""
-BY_CHANCE = 0.01
-"""How often noise may get the name of what moves averages: so probable it may be that nothing stands in its place."""
 WANDERS = 2.0
 """How much likelier than nothing at all it may be that averages only scatter: Ville's bound is loose by more there."""
 Names = tuple[frozenset[str], frozenset[str]]
@@ -171,7 +166,7 @@ def _named(
 ) -> Named:
     """One name with its rivals: what stands in its place where it is not."""
     posterior = fit.posterior
-    probability = sum(weight for names, weight, _ in sets if name in names)
+    probability = posterior.likely[name]
     known = {n: [j for j in js if posterior.term(n, j).called == name] for n, js in fit.found.terms.items()}
     own = {number: places for number, places in known.items() if places}
     first = next((posterior.term(n, places[0]) for n, places in own.items()), None)
@@ -183,7 +178,7 @@ def _named(
         before |= {id(f) for _, _, f in instead[rival]}
         rivals[rival] = replace(_rival(fit, name, effect, probability, rival, instead[rival], own), alone=without)
     nothing_there = sum(weight for names, weight, f in sets if name not in names and names - f.scatter <= lead)
-    sure = probability >= CERTAIN and not (own and nothing_there > BY_CHANCE)
+    sure = probability >= CERTAIN and not (own and nothing_there > RARE)
     named = sure and name not in beside and not any(rival.withholds for rival in rivals.values())
     kind = NO_NAME if name == NO_NAME else "named" if named else "ambiguous"
     share = own_share(beside, name)
@@ -265,11 +260,8 @@ def _rival(
 
 def as_usual(rival: Described, named: Described | None, conditions: Iterable[Conditions]) -> bool:
     """Whether a rival is a usual cause somewhere, or as usual as the name, and no accident of the order or heading."""
-
-    def least(here: Conditions) -> float:
-        return 1.0 if named is None else min(named.odds_for(here), 1.0)
-
-    return not rival.incidental and any(rival.odds_for(here) >= least(here) for here in conditions)
+    least = [(here, 1.0 if named is None else min(named.odds_for(here), 1.0)) for here in conditions]
+    return not rival.incidental and any(rival.odds_for(here) >= odds for here, odds in least)
 
 
 def told_apart_by(follows: str, other: str) -> str:

@@ -16,12 +16,10 @@ from hil.solve.repeats import SensorRepeats, repeats
 from hil.solve.runs import solve_campaign
 from hil.solve.temperatures import runs_by_temperature
 from procedures.verdict import Verdict
-from procedures.words import listed, numbered, percent, unit_in_words
+from procedures.words import listed, percent, unit_in_words
 
 LEFT_OUT = "runs_left_out"
 """What the finding of bad runs has in its shape, and no other: how many they are."""
-
-SCHEMA = "hil.reconciliation/1"
 
 
 @dataclass(frozen=True)
@@ -68,11 +66,6 @@ def without_collects(why: str) -> dict[str, Any]:
     """Return the next experiment where it is no further collect that settles the question."""
     unknown = dict.fromkeys(("expected_difference_deg_per_hr", "power"))
     return {"why": why.rstrip("."), "collects": [], **unknown, "impossible": False}
-
-
-def runs_in_words(runs: Iterable[int]) -> str:
-    """Name runs by the campaign's numbers, each by itself: "run 4", "runs 4, 5, 9"."""
-    return numbered("run", runs, to="")
 
 
 @dataclass(frozen=True)
@@ -275,7 +268,7 @@ class Reconciliation:
     def document(self) -> dict[str, Any]:
         """Return the JSON document of formats/reconciliation.md; keys beyond the contract are additions."""
         document = {
-            "schema": SCHEMA,
+            "schema": "hil.reconciliation/1",
             **picked(self, "campaign source simulated model_before"),
             "model_after": "model.yaml",
             **picked(self, "verdict tested contradicted_runs=contradicted"),

@@ -34,8 +34,6 @@ from hil.solve.repeats import OF_MEANS
 from hil.solve.wrong_rows import pooled
 from procedures.words import listed, percent, unit_in_words
 
-_NOT_REPEATED = "no run was repeated: what changes from run to run is not known"
-
 
 @dataclass(frozen=True)
 class Scattering:
@@ -86,8 +84,9 @@ class Scattering:
             if of["observed_deg_per_hr"] is not None
             and (of["run_offset_deg_per_hr"] or not ((n := of["sensor"]) in shown and shown[n].noise_told))
         }
+        single = "no run was repeated: what changes from run to run is not known"
         alone = [
-            f"sensor {number}: {OF_MEANS if found.campaign.rebuilt else _NOT_REPEATED}"
+            f"sensor {number}: {OF_MEANS if found.campaign.rebuilt else single}"
             + "; what is observed is what a smooth model leaves of single runs" * (number in left)
             for number, collects in found.campaign.sensors.items()
             if not repeated([collects.conditions])

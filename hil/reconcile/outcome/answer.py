@@ -88,7 +88,7 @@ class Answer:
         """What may scatter averages, by id: title and probability, most probable first; none where nothing can."""
         posterior = self.posterior
         titles = {name: effect.title for name, effect in posterior.scatter.items()}
-        likely = {n: float(sum(np.exp(f.log_weight) for f in posterior.sets if n in f.scatter)) for n in titles}
+        likely = {name: posterior.likely.get(name, 0.0) for name in titles}
         likely[ORDINARY] = float(1.0 - sum(np.exp(f.log_weight) for f in posterior.sets if f.scatter))
         likely |= {each.name: each.probability for each in self.names if each.name in likely}
         ranked = sorted(likely.items(), key=lambda pair: -pair[1])
@@ -179,8 +179,3 @@ class Answer:
     def gap(self) -> Gap:
         """The gap before and after."""
         return gap_of(self.proof, self.fit, self.before, self.reading.chance)
-
-    @property
-    def tested(self) -> bool:
-        """Whether there was anything to be asked about."""
-        return any(search.terms for search in self.posterior.searches.values())

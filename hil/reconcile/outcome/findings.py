@@ -29,10 +29,6 @@ from hil.reconcile.search.problem import SensorProblem
 from hil.reconcile.search.terms import NO_NAME, Term
 from procedures.words import listed
 
-NOT_HELD_OUT = (
-    "no run could be held out: each temperature has one, and its values belong to it alone; the gap is that of the fit"
-)
-
 FEWEST_REPEATS = 30  # degrees of freedom from which repeats measure the noise to an eighth
 
 
@@ -89,8 +85,9 @@ def described(named: Named, fit: Fitted, scatter: Sequence[FoundScatter]) -> Fou
     pairs = [(n, j) for n, places in named.terms.items() for j in places]
     over_shapes = {(n, j): _over_shapes(fit, n, j) for n, j in pairs}
     several = {n for n, places in named.terms.items() if len(places) > 1}
+    of_terms = {(n, j): dict(fit.posterior.term(n, j).candidate.shape) for n, j in pairs}
     parameters = [
-        {**p, "when": when} if n in several and (when := shape_in_words(_shape(fit, n, j), {})) else p
+        {**p, "when": when} if n in several and (when := shape_in_words(of_terms[n, j], {})) else p
         for n, j in pairs
         for p in described_parameters(
             fit.posterior.term(n, j).candidate,
@@ -105,8 +102,10 @@ def described(named: Named, fit: Fitted, scatter: Sequence[FoundScatter]) -> Fou
     ]
     shapes = {f.sensor: Shape(dict(f.shape)) for f in reversed(scatter)}
     for n, j in reversed(pairs):
-        ends = _shape_range(fit, n, over_shapes[n, j])
-        shapes[n] = Shape(_shape(fit, n, j), ends, (of, *of.more) if (of := shapes.get(n)) else ())
+        asked = [fit.posterior.term(n, k).candidate.shape for weight, k, _ in over_shapes[n, j] if weight > LEAST]
+        every = {name: [of[name] for of in asked] for name in (asked[0] if asked else ())}
+        may_be = {name: [min(of), max(of)] for name, of in every.items() if min(of) < max(of)}
+        shapes[n] = Shape(of_terms[n, j], may_be, (of, *of.more) if (of := shapes.get(n)) else ())
     first = fit.posterior.term(*pairs[0]).candidate if pairs else named.effect
     nameless = nameless_of(named, fit)
     told: Sequence[object] = nameless if nameless else [first]
@@ -129,10 +128,6 @@ def described(named: Named, fit: Fitted, scatter: Sequence[FoundScatter]) -> Fou
         acts_on=named.acts_on,
         follows=frozenset(fit.posterior.term(n, j).follows for n, j in pairs),
     )
-
-
-def _shape(fit: Fitted, number: int, place: int) -> dict[str, float]:
-    return dict(fit.posterior.term(number, place).candidate.shape)
 
 
 def nameless_of(named: Named, fit: Fitted) -> list[Candidate]:
@@ -163,13 +158,6 @@ def _over_shapes(fit: Fitted, number: int, place: int) -> list[tuple[float, int,
             of_shape = replace(fit.found, terms={**terms, number: tuple(sorted((*others, j)))})
             out.append((weight, j, fitted(fit.posterior, of_shape).of_term(number, j)))
     return out
-
-
-def _shape_range(fit: Fitted, number: int, shapes: Sequence[tuple[float, int, Values]]) -> dict[str, Any]:
-    """Return from where to where each part of a shape may be, those that are not settled."""
-    asked = [fit.posterior.term(number, j).candidate.shape for weight, j, _ in shapes if weight > LEAST]
-    ends = {name: [min(s[name] for s in asked), max(s[name] for s in asked)] for name in (asked[0] if asked else ())}
-    return {name: [low, high] for name, (low, high) in ends.items() if low < high}
 
 
 def laws_that_fail(fit: Fitted, sensors: Mapping[int, SensorProblem]) -> list[str]:
@@ -221,9 +209,10 @@ def origin(campaign: Campaign, named: Named, gap: Gap) -> dict[str, Any]:
         "probability": round(named.probability, 4),
         **({"probability_of_sensor": {str(n): round(p, 4) for n, p in of_sensor.items()}} if of_sensor else {}),
         "rivals": {rival.id: round(rival.probability, 4) for rival in named.rivals},
-        "gap_before_deg_per_hr": _number(gap.before),
-        "gap_after_deg_per_hr": _number(gap.after),
-        "noise_floor_deg_per_hr": _number(gap.noise_floor),
+        **{
+            f"{name}_deg_per_hr": round(size, 4) if np.isfinite(size) else None
+            for name, size in (("gap_before", gap.before), ("gap_after", gap.after), ("noise_floor", gap.noise_floor))
+        },
     }
 
 
@@ -231,10 +220,6 @@ def _made(campaign: Campaign) -> dict[str, Any]:
     """Return which campaign something was found in, and when."""
     date = SystemClock().utc().astimezone(UTC).date().isoformat()
     return {**picked(campaign, "campaign=title simulated"), "date": date}
-
-
-def _number(value: float) -> float | None:
-    return round(float(value), 4) if np.isfinite(value) else None
 
 
 def picture(fit: Fitted, before: Fitted, proof: HeldOut | None) -> dict[str, Any]:

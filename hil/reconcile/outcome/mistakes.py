@@ -10,7 +10,7 @@ from hil.campaign import Campaign, Conditions
 from hil.campaign.plausibility import accelerations_g, clipped
 from hil.model.effects.data import OF_A_RUN, of_a_run
 from hil.reconcile.outcome.findings import physics
-from hil.reconcile.result import LEFT_OUT, Disagreement, FoundEffect, Shape, runs_in_words, without_collects
+from hil.reconcile.result import LEFT_OUT, Disagreement, FoundEffect, Shape, without_collects
 from hil.reconcile.rivals import CERTAIN
 from hil.reconcile.search.candidates import Candidate
 from hil.reconcile.search.fitted import Fitted
@@ -48,7 +48,7 @@ def mistakes_found(wrong: Sequence[Term], fit: Fitted, campaign: Campaign, chanc
             )
         )
     if runs := wrong_runs(wrong):
-        numbers = runs_in_words(sorted({run for _, _, run in runs}))
+        numbers = numbered("run", sorted({run for _, _, run in runs}), to="")
         many = "runs" in numbers
         out.append(
             FoundEffect(
@@ -250,12 +250,12 @@ def look_up(wrong: Sequence[Term], campaign: Campaign) -> dict[str, Any] | None:
     """The experiment for mistakes in the data: what was recorded settles them, no further collect is needed."""
     swaps = [int(t.candidate.shape["run"]) for t in wrong if t.candidate.effect is not None]
     if swaps:
-        which = runs_in_words(swaps)
+        which = numbered("run", swaps, to="")
         lay = any(np.isfinite(accelerations_g(rows)).any() for rows in campaign.sensors.values())
         look = f"look at {'the accelerometers and ' * lay}the log of {which}; no further collect is needed"
         return without_collects(f"confirms what was exchanged or turned: {look}")
     runs = sorted({run for _, _, run in wrong_runs(wrong)})
     if not runs:
         return None
-    numbers = runs_in_words(runs)
+    numbers = numbered("run", runs, to="")
     return without_collects(f"look at {numbers}; repeat {'them' if 'runs' in numbers else 'it'}")

@@ -14,8 +14,9 @@ from hil.files.figure import LOOKS, blank
 from hil.files.numbers import WHOSE
 from hil.files.page import inline_svg, rendered
 from hil.model import save_model
+from hil.model.effects.prior import ALPHA
+from hil.reconcile.naming import LIKELY
 from hil.reconcile.outcome.sentences import (
-    APART,
     LEAST,
     gap_in_words,
     number,
@@ -36,7 +37,6 @@ _MOST_PANELS = 4
 _SHORT = 6  # lines of values that stand open
 _MOST_LEVEL = 8  # labels that are written side by side
 _WIDE = 0.7  # of the distance of two positions: over so much their collects are spread
-_LIKELY = 0.5  # what is followed so probably may be what a picture runs over
 
 
 def page(result: Reconciliation) -> str:
@@ -74,7 +74,7 @@ def page(result: Reconciliation) -> str:
         "takes": hours_minutes(60.0 * count * minutes) if minutes and count else "",
         "number": number,
         "chance": _chance,
-        "apart": APART,
+        "apart": ALPHA,
         "of_few": of_few(result.twin["draws"]) if result.twin else "",
     }
     return rendered("hil.reconcile.outcome", "page.html.j2", view)
@@ -146,7 +146,7 @@ def driver_of(result: Reconciliation, rows: Sequence[Mapping[str, Any]]) -> str:
     over_runs = "run" if len({row["run"] for row in rows}) > 1 else "position"
     known = {row["temperature_degC"] for row in rows if row["temperature_degC"] is not None}
     over_all = "temperature, °C" if len({round(t) for t in known if np.isfinite(t)}) > 1 else over_runs
-    likely = [follows for follows, chance in result.follows if chance > _LIKELY] or [f for f, _ in result.follows[:1]]
+    likely = [follows for follows, chance in result.follows if chance > LIKELY] or [f for f, _ in result.follows[:1]]
     drivers = {"position" if f == "pose" else over_all if f.startswith(("run", "temp")) else over_runs for f in likely}
     return min(sorted(drivers), key=lambda driver: _left_within(rows, driver), default=over_all)
 

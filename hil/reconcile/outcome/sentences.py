@@ -8,9 +8,10 @@ import numpy as np
 
 from drivers.strict_yaml import packaged
 from hil.model.effects.catalogue import entries
-from hil.reconcile.follows import AGAIN
+from hil.model.effects.prior import ALPHA
+from hil.reconcile.follows import AGAIN, MOST
 from hil.reconcile.naming import LIKELY
-from hil.reconcile.outcome.stated import alone, at_most, not_between_repeats, not_repeated
+from hil.reconcile.outcome.stated import at_most, not_between_repeats, not_repeated
 from hil.reconcile.result import LEFT_OUT, FoundEffect, Gap, Reconciliation
 from hil.reconcile.rivals import CERTAIN, Rival, in_times
 from hil.reconcile.search.terms import NO_NAME
@@ -26,15 +27,6 @@ _MORE_THAN_NOISE = 1.15  # times the noise: from there on it is not said that no
 _EXPECTED = 5.0  # times as usual at its size, from which on physics is said to expect a name
 
 _ACT = packaged("hil.reconcile.outcome", "what_to_do.yaml")
-_MEASURED = " The model holds at temperatures that were measured: how far off it may be at others,"
-_MOST = 3  # other names in one sentence
-APART = 0.05  # p-value below which simulated nights are told from the measured one
-_BY = {
-    "averages": "its averages",
-    "run_scatter": "how its averages scatter",
-    "series": "what its collects are like inside",
-    "conditions": "its temperatures and times",
-}
 
 
 def _explained(result: Reconciliation) -> dict[str, dict[str, list[int]]]:
@@ -54,7 +46,7 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
     only = result.verdict in {"named", "ambiguous"} and all(effect.mends_labels for effect in result.effects)
     kind = "labels" if only else result.verdict if result.tested else "untested"
     after = (result.twin or {}).get("after", {})
-    apart = after.get("p_value", 1.0) < APART
+    apart = after.get("p_value", 1.0) < ALPHA
     beyond = result.left.beyond_errors
     kind = ("scatter" if beyond else "apart" if apart else kind) if kind == "none" else kind
     measured = [f"{numbered('run', runs)} ({verdict})" for verdict, runs in result.doubtful.items()]
@@ -115,15 +107,18 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
     untold = {rival.id for effect in added for rival in effect.confusable_with if rival.untold}
     told = warm & untold or any("temperature" in effect.follows for effect in added)
     if likely and not result.calibrated and added and not told:
-        tells = f": {AGAIN} tells it from what changes by the run" * alone(result.left.shown)
+        alone = any(len(mean.runs) == 1 for each in result.left.shown.values() for mean in each.means)
+        tells = f": {AGAIN} tells it from what changes by the run" * alone
         first.append(f"what probably follows temperature, and is not in the model (notes){tells}")
     elif likely and result.solved.temperatures:
         few = too_few(result.solved.temperatures)
         act += " The model's values follow temperature." * result.calibrated
-        act += f"{_MEASURED} {f'these cannot tell ({few})' if few else 'hil thermal says'}."
+        tells = f"these cannot tell ({few})" if few else "hil thermal says"
+        act += f" The model holds at temperatures that were measured: how far off it may be at others, {tells}."
     if apart:
-        part = min(after["parts"], key=lambda each: 1.0 if after["parts"][each] is None else after["parts"][each])
-        act += f" Nights simulated with the model as it is now can be told from the measured one by {_BY[part]}."
+        p_values = {part: 1.0 if p is None else p for part, p in after["parts"].items()}
+        by = _ACT["told_by"][min(p_values, key=lambda part: p_values[part])]
+        act += f" Nights simulated with the model as it is now can be told from the measured one by {by}."
     return kind, f"First see to {'; '.join(first)}. {act}" if first else act
 
 
@@ -177,19 +172,17 @@ def _follows(result: Reconciliation) -> list[str]:
     sure = [each for each in result.follows if each[1] >= CERTAIN] or result.follows[: not one_of]
     told = [([driver], share) for driver, share in sure]
     told += [(one_of["drivers"], one_of["probability"])] if one_of else []
-    said = [f"{_does(drivers)} ({percent(share)})" for drivers, share in told]
+    said = []
+    for drivers, share in told:
+        others = " or ".join(driver.replace("_", " ") for driver in drivers if driver != "run")
+        does = ["changes from run to run"] * ("run" in drivers) + [f"follows {others}"] * bool(others)
+        said.append(f"{' or '.join(does)} ({percent(share)})")
     return [f"It {listed(said)}."] if said else []
-
-
-def _does(drivers: Sequence[str]) -> str:
-    """Say that one of some drivers is followed."""
-    others = " or ".join(driver.replace("_", " ") for driver in drivers if driver != "run")
-    return " or ".join(["changes from run to run"] * ("run" in drivers) + [f"follows {others}"] * bool(others))
 
 
 def _or_else(result: Reconciliation, effect: FoundEffect) -> str:
     """Say how probable an ambiguous name is, what it may be instead, and what the data and physics say of those."""
-    others = [each for each in effect.confusable_with[:_MOST] if not each.beside]
+    others = [each for each in effect.confusable_with[:MOST] if not each.beside]
     if not others:
         return f" – probably ({effect.sure}), not certainly" if effect.probability >= 0.5 else f" ({effect.sure})"
     instead = "".join(f", or – {percent(each.share)} – {titled(result, each.id)}" for each in others)
@@ -249,8 +242,8 @@ def gap_in_words(result: Reconciliation) -> list[str]:
 
 def of_few(draws: int) -> str:
     """Say that a p of so few simulated nights is an estimate where none of these can be told; empty of enough."""
-    more = f"that others may not repeat: ask for {round(1.0 / APART)} or more"
-    return f" (beyond the most unlike of so few draws it is an estimate {more})" * ((draws + 1) * APART <= 1.0)
+    more = f"that others may not repeat: ask for {round(1.0 / ALPHA)} or more"
+    return f" (beyond the most unlike of so few draws it is an estimate {more})" * ((draws + 1) * ALPHA <= 1.0)
 
 
 def errors_in_words(result: Reconciliation) -> str:

@@ -22,13 +22,13 @@ from hil.reconcile.proof.held_out import held_out
 from hil.reconcile.proof.places import places
 from hil.reconcile.result import Disagreement, FoundEffect, Reconciliation, Solved, without_collects
 from hil.reconcile.search.terms import NO_NAME
-from hil.solve.both_sensors import BothSensors, common_and_differential
+from hil.solve.both_sensors import common_and_differential
+from hil.solve.explained import LISTED
 from hil.solve.omissions import in_words, otherwise, without
 from hil.solve.temperatures import too_few
 from procedures.verdict import NOT_GOOD
 from procedures.words import listed, percent
 
-_ASKED = 0.05  # share of a rival, from which on something is measured to tell it apart
 _CERTAIN = 0.1  # of alpha: a chance below it is a disagreement, whatever is not predicted
 
 
@@ -43,6 +43,14 @@ def shown(campaign: Campaign, found: Answer) -> Reconciliation:
     verdict = next((k for k in ("ambiguous", "empirical", "named") if k in {of.kind for of in effects}), "none")
     certain = bool(found.reverted) and reading.chance < _CERTAIN * found.alpha
     beside, both = without(campaign), common_and_differential(campaign)
+    # Of what scatters no rate can be rid.
+    known = both is None or not both.look_for or any(each.effect.common_to_sensors for each in found.scatter)
+    left = None if known else common_and_differential(found.taken_off)
+    there = {run for rows in asked.sensors.values() for run in rows.conditions.run.tolist()}
+    doubtful = {
+        str(verdict): sorted(run for run in there & asked.verdicts.keys() if asked.verdicts[run].verdict is verdict)
+        for verdict in NOT_GOOD
+    }
     standing = findings.as_it_stands(found.problem.model, found.problem.campaign, reading.mistakes, fit)
     notes = [*asked.warnings, *in_words(beside), *found.problem.notes]
     notes += in_words({"rows": found.rows}, searched=True)
@@ -51,7 +59,9 @@ def shown(campaign: Campaign, found: Answer) -> Reconciliation:
     notes += [] if both is None else both.together
     notes += [f"what is known taken off: {each}" for each in found.left.reasons if found.left != found.solved]
     notes += [f"{n.name}: the gap on held-out data did not shrink, so it was not added" for n in found.reverted]
-    notes += [findings.NOT_HELD_OUT] * bool(found.proof is None and found.names and found.prove)
+    if found.proof is None and found.names and found.prove:
+        every = "no run could be held out: each temperature has one, and its values belong to it alone"
+        notes.append(f"{every}; the gap is that of the fit")
     notes += values_off(standing, found.gap)
     notes += [found.untold] if found.untold and not found.names else []
     notes += _may_be_too(found)
@@ -82,15 +92,15 @@ def shown(campaign: Campaign, found: Answer) -> Reconciliation:
         follows_one_of=reading.follows.one_of,
         noise=found.noise,
         rows=found.rows,
-        tested=found.tested,
+        tested=any(search.terms for search in found.posterior.searches.values()),
         contradicted=sorted({run for run, _ in asked.contradicted}),
         warned=bool(asked.warnings),
-        doubtful=_doubtful(asked),
+        doubtful={verdict: runs for verdict, runs in doubtful.items() if runs},
         without=beside,
         solved=found.solved,
         left=found.left,
         both=both,
-        look_for=_look_for(found, both),
+        look_for="" if left is None else left.look_for,
         to_record=stated.lacking(campaign, found.scatter, found.beyond_flicker),
         values=values,
     )
@@ -130,14 +140,6 @@ def _where(found: Answer) -> list[Disagreement]:
     return [*spoiled, *moved, *scatter.places(found.scatter, chance)]
 
 
-def _look_for(found: Answer, both: BothSensors | None) -> str:
-    """Say what two sensors have in common beside what was found; of what scatters no rate can be rid."""
-    if both is None or not both.look_for or any(each.effect.common_to_sensors for each in found.scatter):
-        return ""
-    left = common_and_differential(found.taken_off)
-    return "" if left is None else left.look_for
-
-
 def _only_together(found: Answer) -> Iterator[str]:
     """Say of which parameters that were found the collects tell only a combination: each is as usual by itself."""
     for named in found.names:
@@ -160,34 +162,21 @@ def _otherwise_asked(results: Sequence[FoundEffect], solved: Solved) -> Iterator
 
 def _may_be_too(found: Answer) -> Iterator[str]:
     """Say what is more probable than not, and not so sure that it is called missing."""
-    likely: dict[str, float] = {}
-    titles: dict[str, str] = {}
-    for each in found.posterior.sets:
-        own = {term.called: term.candidate.title for term in found.posterior.members(each) if term.called}
-        titles |= own
-        for name in own:
-            likely[name] = likely.get(name, 0.0) + float(np.exp(each.log_weight))
-    called, beside = {named.name for named in (*found.names, *found.reverted)}, unasked(found.posterior)
+    posterior = found.posterior
+    titles = {term.called: term.candidate.title for each in posterior.sets for term in posterior.members(each)}
+    called, beside = {"", *(named.name for named in (*found.names, *found.reverted))}, unasked(posterior)
     called |= {rival.id for named in found.names for rival in named.rivals if rival.probability > LIKELY}
-    for name, share in ((name, own_share(beside, name) * share) for name, share in likely.items()):
-        if share > LIKELY and name not in called:
+    for name in (each for each in titles if each not in called):
+        if (share := own_share(beside, name) * posterior.likely[name]) > LIKELY:
             which = "something that no effect describes" if name == NO_NAME else f"{titles[name]} ({name})"
             yield f"{which}: {percent(share)}, and so not called missing at a rate of false alarms of {found.alpha:.2g}"
-
-
-def _doubtful(campaign: Campaign) -> dict[str, list[int]]:
-    """Return the runs whose measurement failed, or of which nobody can tell, by verdict."""
-    there = {run for rows in campaign.sensors.values() for run in rows.conditions.run.tolist()}
-    judged = {run: each.verdict for run, each in campaign.verdicts.items() if run in there}
-    found = {str(verdict): sorted(run for run in judged if judged[run] is verdict) for verdict in NOT_GOOD}
-    return {verdict: runs for verdict, runs in found.items() if runs}
 
 
 def _next(found: Answer) -> dict[str, Any] | None:
     """The experiment for the effect of which the name is settled least."""
     fit = found.fit
     for named in sorted(found.names, key=lambda named: named.probability):
-        asked = [r for r in named.rivals if r.untold or r.share > _ASKED]
+        asked = [r for r in named.rivals if r.untold or r.share > LISTED]
         rival = next((r for r in asked if r.terms or r.remedy), None)
         if named.kind == "named" or (named.kind == NO_NAME and rival is None):
             continue
@@ -203,9 +192,8 @@ def _next(found: Answer) -> dict[str, Any] | None:
         number = shared[0] if shared else next(iter(named.terms))
         at = named.terms[number]
         candidate = fit.posterior.term(number, at[0]).candidate
-        values = np.zeros(len(candidate.parameters))
-        for column, (value, _) in fit.of_term(number, at[0]).items():
-            values[column] = value
+        known = fit.of_term(number, at[0])
+        values = np.array([known.get(column, (0.0,))[0] for column in range(len(candidate.parameters))])
         sigma = float(np.sqrt(np.mean([np.median(b.variance) for b in fit.blocks])))
         other = fit.posterior.term(number, rival.terms[number]).candidate if rival and shared else None
         other = other if other is not None and other.effect is not None else None

@@ -161,11 +161,6 @@ def not_repeated(noise: Iterable[Mapping[str, Any]], shown: Mapping[int, SensorR
     return _named({"sensor": n, "channel": channel} for n, channel in sorted(differ) if n in single)
 
 
-def alone(shown: Mapping[int, SensorRepeats]) -> bool:
-    """Whether a run is the only one at its temperature, in what repeats show of the sensors."""
-    return any(len(mean.runs) == 1 for each in shown.values() for mean in each.means)
-
-
 def not_between_repeats(noise: Iterable[Mapping[str, Any]]) -> str:
     """Name the channels that differ from run to run, and beyond chance less so between runs of one temperature."""
     return _named(of for of in noise if of.get("repeats_p_value", 1.0) < ALPHA and _differs(of))

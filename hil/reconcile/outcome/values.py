@@ -57,7 +57,13 @@ def before_and_after(
             known = tuple(term for term in model.terms if term.effect not in strange)
             acts = model.model_copy(update={"terms": known}).terms_for(conditions.sensor)
             may = [(term, [effect, *alike.get(effect.id, ())]) for term, effect in acts]
-            own = [(term, of) for term, of in may if any(map(_is_of_parameters, of)) and not of[0].missing(conditions)]
+            # What parameters are at a temperature or from a time on, whatever else a collect has: bias_T, GS.
+            theirs = (
+                any(e.lasts or over_temperature(known_as(e)).follows == "temperature" for e in of) for _, of in may
+            )
+            own = [
+                each for each, is_so in zip(may, theirs, strict=True) if is_so and not each[1][0].missing(conditions)
+            ]
             acting |= {effect for _, of in own for effect in of}
             parted |= {run for term, (effect, *_) in own for run in effect.begins_within(term.shape)}
             changed |= {int(term.shape[_FROM]) for term, _ in own if _FROM in term.shape}
@@ -119,11 +125,6 @@ def _places(
         for run in sorted(told) if runs else (None,):
             here = (station == k) & (True if run is None else conditions.run == run)
             yield degC if np.isfinite(degC) else None, run, here
-
-
-def _is_of_parameters(effect: Effect) -> bool:
-    """Whether it is what parameters are at a temperature or from a time on, whatever else a collect has: bias_T, GS."""
-    return effect.lasts or over_temperature(known_as(effect)).follows == "temperature"
 
 
 def taken_out(

@@ -23,7 +23,6 @@ from hil.reconcile.search.sets import Set
 
 SETS = 8  # sets among which a fold chooses: what is not among these with all rows is not without some
 BEYOND = 30.0  # rows whose prediction is this many noises uncertain ask for what the others say nothing about
-_NORMAL = 0.5 * float(np.log(2.0 * np.pi))
 WIDE = 1e4  # deviation of a base parameter, in noises: as good as free
 FLIPS = 4000  # of signs at random: the chance of an improvement is known to a part in so many
 _Folds = Mapping[int, tuple[IntArray, FloatArray]]
@@ -92,7 +91,9 @@ def held_out(posterior: Posterior, before: Found, lead: Found) -> HeldOut | None
     known: dict[_Key, dict[int, Predicted]] = {}
     for number, b in ((n, b) for n, search in posterior.searches.items() for b in range(len(search.blocks))):
         search = posterior.searches[number]
-        beside = Rows(search.blocks[b], _wrong_rows(posterior, lead, number, b))
+        wrong = [t for j in lead.terms[number] if (t := search.terms[j]).is_mistake and t.candidate.effect is None]
+        spoiled = [part.columns.any(axis=1) for t in wrong if (part := t.parts[b]) is not None]
+        beside = Rows(search.blocks[b], set(np.flatnonzero(np.any(spoiled, axis=0)).tolist()))
         for key in dict.fromkeys((number, b, found.terms[number], found.scatter) for found in sets):
             known[key] = dict(beside.runs(fitted_block(search, *key[2:], b)))
     return _together(posterior, sets, known)
@@ -147,13 +148,6 @@ def _sums(blocks: Sequence[Predicted | None], lead: Sequence[Predicted | None], 
         float(sum(p.log_density for p, _ in pairs)),
         float(sum(len(p.error) for p, _ in pairs)),
     ]
-
-
-def _wrong_rows(posterior: Posterior, lead: Found, number: int, b: int) -> set[int]:
-    search = posterior.searches[number]
-    terms = [search.terms[j] for j in lead.terms[number] if search.terms[j].is_mistake]
-    parts = [t.parts[b] for t in terms if t.candidate.effect is None]
-    return {int(i) for part in parts if part is not None for i in np.flatnonzero(part.columns.any(axis=1))}
 
 
 class Rows:
@@ -212,7 +206,7 @@ class Rows:
             factor = np.linalg.cholesky(0.5 * (covariance + np.swapaxes(covariance, 1, 2)))
             alone = np.linalg.solve(factor, error[..., None])[..., 0]
             log_det = np.sum(np.log(np.diagonal(factor, axis1=1, axis2=2)), axis=1)
-            density = -0.5 * np.sum(alone**2, axis=1) - log_det - _NORMAL * many
+            density = -0.5 * np.sum(alone**2, axis=1) - log_det - 0.5 * float(np.log(2.0 * np.pi)) * many
             for k, place in enumerate(told):
                 yield alike[place], Predicted(self._order[rows[k]], float(density[k]), error[k], factor[k])
 

@@ -7,7 +7,7 @@ positions 1 to 3. What an effect contributes itself is where a reader looks for 
 of it in whole, so that nobody can know that part, is it what the effect leaves beside the base.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import groupby
 from typing import Any
@@ -15,14 +15,14 @@ from typing import Any
 import numpy as np
 from scipy.special import ndtr
 
-from hil.campaign import BoolArray, Conditions, FloatArray, IntArray
+from hil.campaign import BoolArray, Conditions, FloatArray
 from hil.campaign.stand_ins import temperature_of
 from hil.reconcile.result import Disagreement
 from hil.reconcile.search.fitted import Fitted, FittedBlock
+from hil.solve.identifiability import CANNOT_BE_SEEN
 from hil.solve.rows import Block
 
 _MATERIAL = 0.25  # of an effect's largest contribution to the sensor: what is smaller is not a place of it
-_DETERMINED = 0.1  # of an effect, in every direction of its values, what the base must leave to be known by itself
 _ALIKE = 0.9  # F1 from which a simpler description stands for the collects it is about
 
 
@@ -64,8 +64,12 @@ def _described(members: set[tuple[int, int]], fit: Fitted, own: Sequence[FittedB
         rest_white.append(white_design - white_base @ absorbed)
         itself.append(design)
         beside.append(design - base @ absorbed)
-    determined = _least_left(np.vstack(white), np.vstack(rest_white)) > _DETERMINED
-    return itself if determined else beside
+    columns, rest = np.vstack(white), np.vstack(rest_white)
+    norm = np.linalg.norm(columns, axis=0)
+    acting = norm > 0.0
+    # The smallest share of any combination of columns that is left beside the base, each column at unit size.
+    least = np.linalg.svd(rest[:, acting] / norm[acting], compute_uv=False).min() if acting.any() else 0.0
+    return itself if least > CANNOT_BE_SEEN else beside
 
 
 def _told(block: FittedBlock, values: FloatArray) -> BoolArray:
@@ -82,15 +86,6 @@ def _told(block: FittedBlock, values: FloatArray) -> BoolArray:
     most = np.zeros(len(stations))
     np.maximum.at(most, at, left)
     return np.asarray(most[at] >= _MATERIAL * left.max())
-
-
-def _least_left(columns: FloatArray, rest: FloatArray) -> float:
-    """The smallest share of any combination of columns that is left beside the base, each column at unit size."""
-    norm = np.linalg.norm(columns, axis=0)
-    acting = norm > 0.0
-    if not np.any(acting):
-        return 0.0
-    return float(np.linalg.svd(rest[:, acting] / norm[acting], compute_uv=False).min())
 
 
 def _sure(found: Sequence[Disagreement], p_value: float, alpha: float) -> list[Disagreement]:
@@ -132,14 +127,13 @@ def _cells(
                     cells = _extents(block, conditions, touched & there, there)
                     place = where | ({key: part} if key else {})
                     # Of what moves both ways the mean is nothing, and the same rows would be two places.
-                    every[key] += [(place | extra, rows) for extra, rows in cells if _one_way(sign * values[rows])]
+                    every[key] += [
+                        (place | extra, rows)
+                        for extra, rows in cells
+                        if 2.0 * sign * values[rows].sum() > np.abs(values[rows]).sum()
+                    ]
             alike = (found for found in every.values() if _agreement(_any(found, on_channel), touched) >= _ALIKE)
             yield from next(alike, every["position"])
-
-
-def _one_way(values: FloatArray) -> bool:
-    """Whether values, (k,), are positive by most of what they are."""
-    return bool(values.sum() > 0.5 * np.abs(values).sum())
 
 
 def _extents(
@@ -153,27 +147,19 @@ def _extents(
         return
     temperature = conditions.columns.get("temperature_degC")
     if temperature is not None:
-        ranges = list(_ranges(block.station, touched, among))
+        station = block.station  # unbroken ranges of setpoints of which most rows are touched
+        stations = groupby(np.unique(station[among]), lambda n: n >= 0 and _mostly(touched, among & (station == n)))
+        ranges = [among & np.isin(station, list(numbers)) for hit, numbers in stations if hit]
         if _agreement(_any([({}, rows) for rows in ranges], among), touched) >= _ALIKE:
             for rows in ranges:
-                span = temperature[block.rows[rows]]
-                ends = [_tenths(np.floor, span.min()), _tenths(np.ceil, span.max())]
+                span = np.round(10.0 * temperature[block.rows[rows]], 6)  # in tenths
+                ends = [float(np.floor(span.min()) / 10.0), float(np.ceil(span.max()) / 10.0)]
                 yield {"temperature_degC": ends, "temperature_of": temperature_of(conditions)}, rows
             return
     runs = [run for run in np.unique(block.run[touched]) if _mostly(touched, among & (block.run == run))]
     rows = among & np.isin(block.run, runs)
     if np.any(rows):
         yield {"runs": list(dict.fromkeys(conditions.run[block.rows[rows]].tolist()))}, rows
-
-
-def _tenths(towards: Callable[[float], float], degC: float) -> float:
-    return float(towards(round(10.0 * float(degC), 6)) / 10.0)
-
-
-def _ranges(station: IntArray, touched: BoolArray, among: BoolArray) -> Iterator[BoolArray]:
-    """Unbroken ranges of setpoints of which most rows are touched."""
-    inside = groupby(np.unique(station[among]), lambda n: n >= 0 and _mostly(touched, among & (station == n)))
-    yield from (among & np.isin(station, list(numbers)) for hit, numbers in inside if hit)
 
 
 def _mostly(touched: BoolArray, rows: BoolArray) -> bool:
