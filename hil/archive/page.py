@@ -56,7 +56,7 @@ def history_page(document: Mapping[str, Any]) -> str:
 
 def units_page(rows: Sequence[Mapping[str, Any]], said: Sequence[str], address: str) -> str:
     """Return the list of units, each linked to its own page below `address`."""
-    simulated = any(each["simulated"] for each in rows)
+    simulated = sum(bool(each["simulated"]) for each in rows)
     view = {"title": "Units of the archive", "simulated": simulated, "units": rows, "said": said, "address": address}
     return rendered("hil.archive", "units.html.j2", view)
 

@@ -49,12 +49,13 @@ def fleet_csv(found: Screened) -> str:
 
 def fleet_page(found: Screened) -> str:
     """Return the page as one HTML document: no scripts, no other files."""
-    worth = [each for each in found.units if each.worth]
+    worth, quiet = ([each for each in found.units if each.worth is so] for so in (True, False))
     view = {
         "title": f"{_counted(found.units)} screened: what the model lacks",
-        "simulated": any(each.simulated for each in found.units),
+        "simulated": sum(each.simulated for each in found.units),
         "found": found,
         "worth": worth,
+        "quiet": quiet,
         "sentences": list(fleet_sentences(found)),
         "shared": _shared(found),
         "failed": any(each.runs_failed for each in found.units),
@@ -69,7 +70,7 @@ def fleet_sentences(found: Screened) -> Iterator[str]:
     called = f": of those called, at most {ALPHA:.0%} on average lack nothing"
     beside = sorted({number for number, _ in shared} - {each.layout for each in worth})
     alone = "by themselves" if len(worth) > 1 else "by itself"
-    few = f" {alone}; a few of {numbered('layout', beside)} do, for what they share" if beside else ""
+    few = f" {alone}; any few of {numbered('layout', beside)} do, for what its units share" if beside else ""
     yield (
         f"{len(worth) or 'none'} of {_counted(found.units)} deserve{'s' * (len(worth) < 2)} a full hil reconcile"
         f"{called * bool(worth)}{few}"

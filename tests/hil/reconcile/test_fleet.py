@@ -53,6 +53,10 @@ def test_the_faulty_units_are_called_and_the_others_go_on(screened: Screened) ->
         "Log odds that anything is missing from each unit, by serial number",
     ]
     assert "x-broken" in page
+    quiet = page[page.index("Units of which none is called") :]
+    assert [f"u{number:02d}, A{number:03d}<" in quiet for number in (2, 3, 4)] == [True, False, True]
+    some = [replace(each, simulated=place < 2) for place, each in enumerate(screened.units)]
+    assert "SIMULATED: 2 of 16 were not measured" in fleet_page(replace(screened, units=some))
     one = Screened(
         "", [replace(each, layout=1) for each in screened.units if "u03" in each.folder or not each.worth], [], {}
     )
@@ -373,7 +377,7 @@ def test_calibrations_of_one_unit_are_counted_as_what_they_are(serials: str, sai
     ]
     shared = SharedFinding("supply", 0.9, 0.001, 1.0, 1.0, False)
     lines = list(fleet_sentences(Screened("matrix-6", units, [(1, shared)], {}, ())))
-    few = " by itself; a few of layout 1 do, for what they share" * (len(serials) > 1)
+    few = " by itself; any few of layout 1 do, for what its units share" * (len(serials) > 1)
     assert lines[0] == f"none of {said} deserves a full hil reconcile{few}"
     assert [line for line in lines if "deserve" in line] == lines[:1]
     assert [line for line in lines if line.startswith(f"layout 1: its {said} together")] == lines[1:2] * (
