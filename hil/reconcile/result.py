@@ -172,6 +172,7 @@ class Gap:
 class Solved:
     """The runs that `hil solve` does not pass, `of_sensors`; whose residuals exceed their errors; and all reasons.
 
+    Of `but_for_errors` it says nothing else than that.
     `widens`: whether repeats or residuals tell it by how much its ± have to be wider than standard errors say; `errors`
     is what is to be known of the ± of each sensor, `small` whether some standard errors are too small, `misstated`
     whether some are so far off that others have to be stated. The runs are by verdict and sensor; `not_passed` by
@@ -181,6 +182,7 @@ class Solved:
 
     of_sensors: Mapping[str, Mapping[str, Sequence[int]]] = field(default_factory=dict)
     beyond_errors: Sequence[int] = ()
+    but_for_errors: Sequence[int] = ()
     reasons: Sequence[str] = ()
     widens: bool = False
     errors: Sequence[str] = ()
@@ -200,6 +202,7 @@ class Solved:
         every = solve_campaign(campaign)
         beyond = sorted({run for each in every if each.exceeds_errors for run in each.runs})
         odd = [each for each in every if each.verdict is not Verdict.PASS]
+        else_odd = {run for each in odd if not each.exceeds_errors or each.causes != [each.judged] for run in each.runs}
         why = [f"{verdict}, {where}: {each}" for verdict, where, each in reasons(odd)]
         shown = repeats(campaign, every)
         widens = any(each.repeated for each in shown.values()) or any(e.degrees_of_freedom for e in every)
@@ -217,7 +220,8 @@ class Solved:
             sum(any((n, run) in whole for run in runs) for degC, runs in of if degC is not None)
             for n, of in made.items()
         ]
-        return cls(not_passed_of(every), beyond, why, widens, errors, small, misstated, max(at, default=0), shown)
+        only = [run for run in beyond if run not in else_odd]
+        return cls(not_passed_of(every), beyond, only, why, widens, errors, small, misstated, max(at, default=0), shown)
 
 
 @dataclass(frozen=True)

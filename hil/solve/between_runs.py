@@ -92,6 +92,12 @@ class BetweenRuns:
         return {name: jump.before for name, jump in self.jumps.items() if jump.before == jump.after}
 
     @property
+    def lasting(self) -> list[str]:
+        """Return the parameters of which runs of one visit have the same in common: what ages, jumps or is history."""
+        ages = (name for name, columns in self.follow.items() if {TIME, WAY} & {*columns})
+        return list(dict.fromkeys([*ages, *(self.jumps.keys() - self.alone.keys()), *self.of_visits]))
+
+    @property
     def in_words(self) -> list[str]:
         """Say which parameters follow what, and which jump where; nothing where nothing explains what they do."""
         return self._said(self.jumps)

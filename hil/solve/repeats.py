@@ -355,8 +355,9 @@ def _of_sensor(
     changing = np.sqrt(variance.sum(axis=1) - common)
     beyond = np.array([run_scatter.get(name, 0.0) for name in units])
     of_visits = own[0].between.of_visits if grouped is runs_by_temperature else ()  # else visits stand apart
+    lasting = own[0].between.lasting if grouped is runs_by_temperature and len(visited) > len(set(visited)) else ()
     visit = np.array([next(k for k, (_, runs) in enumerate(visits(conditions)) if e.runs[0] in runs) for e in own])
-    by_visit = np.isin(list(units), of_visits)
+    by_visit = np.isin(list(units), lasting)
     one_each = gathered(values, errors, visit, by_visit)  # runs of a visit have in common what history made of them
     spread = Spread.of(*one_each, group, changing, residuals, np.sqrt(common), beyond)
     together = np.where(by_visit, visit[:, None], np.arange(len(own))[:, None])

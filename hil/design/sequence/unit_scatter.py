@@ -16,7 +16,6 @@ import numpy as np
 from scipy.special import chdtri
 
 from hil.campaign import Campaign, FloatArray
-from hil.solve.between_runs import TIME, WAY
 from hil.solve.repeats import repeats
 from hil.solve.runs import solve_campaign
 from hil.solve.uncertain import CONFIDENCE, Spread
@@ -39,13 +38,12 @@ def scatter_of_unit(campaign: Campaign) -> dict[int, UnitScatter]:
     """Return what repeats show beyond standard errors of each sensor that has some."""
     out = {}
     for number, shown in repeats(campaign, solve_campaign(campaign)).items():
-        ages = [name for name, columns in shown.between.follow.items() if {TIME, WAY} & {*columns}]
         if shown.repeated:
-            steps = [name for name, jump in shown.between.jumps.items() if jump.before != jump.after]
-            lasting = dict.fromkeys([*ages, *steps, *shown.of_visits])
             both = (shown.spread.beyond, _at_most(shown.spread))
             sizes, at_most = (dict(zip(shown.names, of.tolist(), strict=True)) for of in both)
-            out[number] = UnitScatter(sizes, at_most, tuple(lasting), (*shown.between.in_words, *shown.uneven_in_words))
+            out[number] = UnitScatter(
+                sizes, at_most, tuple(shown.between.lasting), (*shown.between.in_words, *shown.uneven_in_words)
+            )
     return out
 
 

@@ -92,7 +92,9 @@ class Answer:
         likely[ORDINARY] = float(1.0 - sum(np.exp(f.log_weight) for f in posterior.sets if f.scatter))
         likely |= {each.name: each.probability for each in self.names if each.name in likely}
         ranked = sorted(likely.items(), key=lambda pair: -pair[1])
-        white = "white noise" + " and an offset of each run" * any(each["run_offset_deg_per_hr"] for each in self.noise)
+        white, told = "white noise", [each["run_offset_se_deg_per_hr"] is not None for each in self.noise]
+        if any(told) or any(each["run_offset_deg_per_hr"] for each in self.noise):
+            white += f" and{', as may be by chance,' * (not any(told))} an offset of each run"
         return {name: (titles.get(name, white), share) for name, share in ranked} if titles else {}
 
     @property

@@ -58,7 +58,11 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
     wrong = not only and any(effect.mends_labels for effect in result.effects)
     first += ["what the record has wrong of labels and signs (below)"] * wrong
     omitted = [row for row in result.rows if row["done"] == OMITTED]
-    said = {*result.contradicted, *(row["run"] for row in omitted), *(beyond if kind == "scatter" else ())}
+    said = {
+        *result.contradicted,
+        *(row["run"] for row in omitted),
+        *(result.left.but_for_errors if kind == "scatter" else ()),
+    }
     said |= {run for runs in result.doubtful.values() for run in runs}
     doubts = ", ".join(told for _, told in of_sensors_in_words(result.left.of_sensors, said))
     why = " (hil report says" if result.left == result.solved else ", even with what is known taken off (notes say"

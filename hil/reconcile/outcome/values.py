@@ -24,7 +24,7 @@ from hil.solve.beside_terms import with_scatter
 from hil.solve.runs import OBSERVABLE
 from hil.solve.temperatures import at_no_temperature, same_temperature, told_by
 
-_CHANGED = 0.1  # of what changes most
+_CHANGED = 0.1  # of what changes most, of one unit
 _DIGITS = 9
 _FROM = "from_run"  # of the shape of what steps
 
@@ -76,7 +76,9 @@ def before_and_after(
             was, now = (values.round(_DIGITS) + 0.0 for values in told)
             rows.append((degC, run, was, now))
         change = np.max([np.nan_to_num(np.abs(now - was)) for *_, was, now in rows], axis=0, initial=0.0)
-        for p in np.flatnonzero(change > _CHANGED * np.max(change)):
+        units = np.array(form.units)
+        most = np.array([np.max(change[units == unit]) for unit in units])
+        for p in np.flatnonzero(change > _CHANGED * most):
             said = {(degC, float(was[p]), float(now[p])): run for degC, run, was, now in rows}
             same = len({(was, now) for _, was, now in said}) == 1
             stays = len(said) == len({degC for degC, *_ in said})

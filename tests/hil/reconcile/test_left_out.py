@@ -204,6 +204,14 @@ def test_what_scatters_beyond_standard_errors_is_no_rest_for_anybody() -> None:
         assert result.verdict == "none"
         assert (what_to_do(result)[0], failed == {Verdict.FAIL}) == (kind, kind == "scatter")
         assert ("lacks nothing that can be told" in page(result)) == (kind == "none")
+    of = loose.sensors[2].conditions
+    heavy = replace(of, f_g=of.f_g * np.where(of.run == 2, 1.05, 1.0)[:, None])
+    off = reconcile(
+        replace(loose, sensors={2: replace(loose.sensors[2], conditions=heavy)}), "matrix-6-thermal", prove=False
+    )
+    first = "First see to what hil solve does not pass (hil report says why): run"
+    assert f"{first} 1 (FAIL)" in what_to_do(result)[1]
+    assert f"{first}s 1–2 (FAIL)" in what_to_do(off)[1]  # residuals are not all that it says of them
 
 
 @pytest.mark.slow

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
 from hil.campaign import Campaign, Collects, Conditions, Sensor
+from hil.model.effects.catalogue import effect_by_id
 from hil.model.effects.noise import AxialDriftJump, Jump
 from hil.model.effects.thermal import AxialHysteresis
 from hil.reconcile import reconcile
+from hil.reconcile.proof.experiment import next_experiment
 from tests.hil.reconcile.hidden_effects import base_rates, campaign_of, lay_out
 
 
@@ -134,3 +139,13 @@ def test_mu_is_larger_on_the_heating_branch_by_its_hysteresis() -> None:
     assert columns[:, 1, 0] == pytest.approx(-rows.f[:, 2] * side)
     assert columns[:, 0, 1] == pytest.approx(rows.f[:, 2] * side)
     assert not columns[:, [0, 1], [0, 1]].any()
+
+
+@pytest.mark.parametrize(("name", "why"), [("jump", "by how runs scatter whether"), ("ageing", "ageing again, or")])
+def test_what_happened_once_does_not_come_back_when_it_is_asked(name: str, why: str) -> None:
+    """The same collects again show an ageing again; of a step they show whether noise makes one."""
+    sensor: Any = SimpleNamespace(collects=stepped(1, 5, 3, 15.0, of_mu=False).sensors[2])
+    leader: Any = SimpleNamespace(effect=effect_by_id(name), name=name)
+    told = next_experiment((leader, np.zeros(2)), None, None, sensor, 1.0)
+    assert told is not None
+    assert (told["what"], f"shows {why}" in told["why"]) == ("the same collects again", True)

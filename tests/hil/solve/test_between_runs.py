@@ -253,14 +253,18 @@ def test_runs_of_a_temperature_at_which_values_scatter_more_are_no_pass_and_none
 
 
 @pytest.mark.slow
-def test_what_visits_differ_by_does_not_average_within_a_visit() -> None:
-    """Two runs in each of two visits to a temperature, MUA 12 apart: of four runs its ± had been half of one's."""
+@pytest.mark.parametrize(("what", "lasting"), [("step", ["MUA"]), ("ageing", ["MUA"]), ("none", [])])
+def test_what_visits_differ_by_does_not_average_within_a_visit(what: str, lasting: list[str]) -> None:
+    """Two runs in each of two visits to a temperature, MUA another in each: its ± had been that of four."""
     one = visited(np.repeat([0, 1, 2, 3, 2, 1, 0], 2).tolist(), scatter=0.0)
-    made = with_mua(one, lambda runs: 12.0 * (runs > 8))
+    moved = {"step": lambda runs: 12.0 * (runs > 8), "ageing": lambda runs: 2.0 * runs, "none": lambda runs: 0.0 * runs}
+    made = with_mua(one, moved[what])
     shown = repeats(made, solve_campaign(made))[2]
-    assert list(shown.of_visits) == ["MUA"]
-    beyond = shown.spread.beyond[shown.names.index("MUA")]
-    assert beyond == pytest.approx(12.0 / np.sqrt(2.0), rel=0.1)
-    for mean in shown.means:
-        assert mean.values["MUA"].sd == pytest.approx(beyond / np.sqrt(len(mean.runs) / 2), rel=0.05)
-        assert mean.values["BA"].sd < 1.0
+    assert shown.between.lasting == lasting
+    for name in ("MUA", "BA"):
+        place = shown.names.index(name)
+        beyond, own = shown.spread.beyond[place], np.mean([of[name] for of in shown.of_each.values()])
+        assert (beyond > 5.0) == (name in lasting)
+        for mean in shown.means:
+            alike = len(mean.runs) / 2 if name in lasting else len(mean.runs)
+            assert mean.values[name].sd == pytest.approx(own / np.sqrt(alike), rel=0.05)
