@@ -19,18 +19,15 @@ from dataclasses import dataclass, field
 from typing import Self
 
 import numpy as np
-from scipy.special import fdtrc
+from scipy.special import chdtrc, fdtrc
 
 from hil.campaign import BoolArray, Conditions, FloatArray, IntArray
 from hil.campaign.data import known_mean
-from hil.campaign.stand_ins import OWN
 from hil.solve.identifiability import orthonormal
 from hil.solve.temperatures import (
-    NARROWEST_DEGC,
-    numbered_degC,
+    agrees,
     runs_by_temperature,
     told_by,
-    unsettled,
     visits,
 )
 from hil.solve.uncertain import RARE, Spread
@@ -39,17 +36,15 @@ from procedures.words import listed, numbered
 
 NO_NOISE = "what a recorded column explains of it is no noise; hil reconcile looks"
 """Said where what repeats scatter by is taken for what changes from run to run by itself."""
-_VERY_RARE = 0.1 * RARE  # chance of a jump that is none: runs are judged by it
+_VERY_RARE = (
+    0.1 * RARE
+)  # chance of a jump that is none, where runs scatter beside it by more than noise: they are judged by it
+_USUAL = 0.05  # chance of noise that is no larger
 _BETTER = 6.0  # twice the log of how much likelier one of two makes what is seen, 20 times: it alone is told
 _DRIFT = 3  # order in time of what is no jump
 _SAME = 0.999  # of its square: a column that has so much of time is no other
 _UNSEEN = 1e-6  # of a column: what differs by less at any temperature explains nothing
 _JUMP = 2  # what is fitted of a jump: its size and its place
-_TELL = {
-    "setpoint_degC": "the thermometer is off in some runs",
-    OWN: "in some runs the unit was elsewhere than it was set to",
-}
-"""What tells that runs are of one temperature, and what is wrong with the other where values agree at equal ones."""
 TIME, WAY = "time", "the way to a temperature"
 _NOTHING = 1e-12  # of the whole: what arithmetic leaves
 
@@ -177,7 +172,8 @@ def between_runs(
             here = np.flatnonzero(np.isfinite(values[:, p]))
             if name not in {*follow, *jumps} and spread.certain[p] and np.all(sd[here, p] > 0.0):
                 compared = visit[here] if differ[p] else here
-                own = _Compared.of(values[here, p], sd[here, p], group[here], compared, number[here])
+                at = here, p
+                own = _Compared.of(values[at], sd[at], errors[at], group[here], compared, number[here])
                 columns, step = own.explained([(of, x[here]) for of, x in drivers], places)
                 if columns and not (WAY in columns and differ[p]):  # what visits differ by is said of those
                     follow[name] = columns
@@ -192,28 +188,7 @@ def between_runs(
         if spread.uneven[p] and spread.certain[p] and name not in {*follow, *jumps, *of_visits}:
             squares = [np.nanvar(values[group == k, p]) for k in range(group.max() + 1)]
             uneven[name] = tuple(sorted(number[group == int(np.nanargmax(squares))].tolist()))
-    return BetweenRuns(follow, jumps, apart, uneven, of_visits, _agrees(number, values, errors, conditions))
-
-
-def _agrees(number: IntArray, values: FloatArray, errors: FloatArray, conditions: Conditions) -> list[str]:
-    """Say which of setpoint and thermometer is wrong, where some of values (r, p) repeat far better at the other.
-
-    Asked where these contradict each other, and not said where some do at one, and some at the other.
-    """
-    levels = [conditions.columns.get(name) for name in _TELL]
-    known = [of for of in levels if of is not None and np.isfinite(of).all()]
-    if len(known) < len(_TELL) or not unsettled(conditions):
-        return []
-    of_runs = [np.array([level[conditions.of_each_run[run]].mean() for run in number.tolist()]) for level in known]
-    at = [numbered_degC(of, apart) for of, apart in zip(of_runs, (NARROWEST_DEGC, None), strict=True)]
-    setpoint, own = (Spread.of(values, errors, group) for group in at)
-    (one, wrong), (other, not_there) = _TELL.items()
-    told = [better.far_better_than(worse) for better, worse in ((setpoint, own), (own, setpoint))]
-    said = (
-        f"values agree at equal {one}, and not at equal {other}: {wrong}",
-        f"values agree at equal {other}, and not at equal {one}: {not_there}",
-    )
-    return [words for words, so in zip(said, told, strict=True) if so and not all(told)]
+    return BetweenRuns(follow, jumps, apart, uneven, of_visits, agrees(number, values, errors, conditions))
 
 
 def _place(number: IntArray, groups: Sequence[tuple[float | None, tuple[int, ...]]]) -> IntArray:
@@ -262,25 +237,35 @@ class _Step:
 class _Compared:
     """Values (m,) in the order of time, of runs or means of visits, each in one `group`; `whose` (r,) a run's is.
 
-    With each its first run and its last, by their `number` (m, 2).
+    With each its first run and its last, by their `number` (m, 2), and how much of its variance is its `noise`'s (m,).
     """
 
     values: FloatArray
     weight: FloatArray
+    noise: FloatArray
     group: IntArray
     whose: IntArray
     share: FloatArray
     number: IntArray
 
     @classmethod
-    def of(cls, values: FloatArray, sd: FloatArray, group: IntArray, compared: IntArray, number: IntArray) -> Self:
+    def of(
+        cls,
+        values: FloatArray,
+        sd: FloatArray,
+        errors: FloatArray,
+        group: IntArray,
+        compared: IntArray,
+        number: IntArray,
+    ) -> Self:
         """Take together what is to be compared together; runs are in the order of time."""
         _, first, whose = np.unique(compared, return_index=True, return_inverse=True)
         weight = _sums(whose, sd**-2.0)
         share = sd**-2.0 / weight[whose]
         last = len(whose) - 1 - np.unique(compared[::-1], return_index=True)[1]
         ends = np.stack([number[first], number[last]], axis=1)
-        return cls(_sums(whose, share * values), weight, group[first], whose, share, ends)
+        noise = weight * _sums(whose, (share * np.nan_to_num(errors)) ** 2)
+        return cls(_sums(whose, share * values), weight, noise, group[first], whose, share, ends)
 
     def beside(self, columns: FloatArray) -> FloatArray:
         """Return columns (m, q) less their mean at each temperature, weighed."""
@@ -317,7 +302,10 @@ class _Compared:
         among = len(there) + len(tried) * (places is None)
         if best_step + _BETTER < best:
             k, alike = int(np.argmin(of_steps)), of_steps < best_step + _BETTER
-            if _chance(float(left[k]), whole, freedom, 1) * among < (_VERY_RARE if places is None else RARE):
+            by_noise = max(float(np.mean(self.noise)), _NOTHING)  # is what is left no more than that?
+            usual = chdtrc(freedom - 1, left[k] / by_noise) > _USUAL
+            rare = RARE if usual or places is not None else _VERY_RARE
+            if _chance(float(left[k]), whole, freedom, 1) * among < rare:
                 sd = float(np.sqrt(left[k] / (freedom - _JUMP + 1) / norm[k]))
                 start, end = int(first[alike].min()), int(last[alike].max())
                 both = np.intersect1d(self.group[: last[k]], self.group[last[k] :])

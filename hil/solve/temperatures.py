@@ -23,6 +23,7 @@ from hil.model.effects.base import Effect
 from hil.model.effects.prior import UNSEEN
 from hil.model.forms import LinearForm, default_form, named_form, value_form
 from hil.solve.identifiability import kept_shares, orthonormal
+from hil.solve.uncertain import Spread
 from procedures.words import counted, listed, numbered, spelled
 
 NARROWEST_DEGC = 1.0
@@ -42,6 +43,11 @@ OF_A_LAW = 3
 
 ELSEWHERE_DEGC = 2.0
 """Another campaign's temperature, or a printed one, is the same where it is this close: chambers differ."""
+_TELL = {
+    "setpoint_degC": "the thermometer is off in some runs",
+    OWN: "in some runs the unit was elsewhere than it was set to",
+}
+"""What tells that runs are of one temperature, and what is wrong with the other where values agree at equal ones."""
 
 
 def same_temperature(conditions: Conditions, apart_degC: float | None = None) -> IntArray:
@@ -365,3 +371,24 @@ def numbered_degC(values: FloatArray, apart_degC: float | None) -> IntArray:
             edges += np.linspace(part[0], part[-1], pieces + 1)[1:-1].tolist()
     number = np.searchsorted(np.sort(np.array(edges)), values, side="right")
     return np.unique(number, return_inverse=True)[1].astype(np.int64)
+
+
+def agrees(number: IntArray, values: FloatArray, errors: FloatArray, conditions: Conditions) -> list[str]:
+    """Say which of setpoint and thermometer is wrong, where some of values (r, p) repeat far better at the other.
+
+    Asked where these contradict each other, and not said where some do at one, and some at the other.
+    """
+    levels = [conditions.columns.get(name) for name in _TELL]
+    known = [of for of in levels if of is not None and np.isfinite(of).all()]
+    if len(known) < len(_TELL) or not unsettled(conditions):
+        return []
+    of_runs = [np.array([level[conditions.of_each_run[run]].mean() for run in number.tolist()]) for level in known]
+    at = [numbered_degC(of, apart) for of, apart in zip(of_runs, (NARROWEST_DEGC, None), strict=True)]
+    setpoint, own = (Spread.of(values, errors, group) for group in at)
+    (one, wrong), (other, not_there) = _TELL.items()
+    told = [better.far_better_than(worse) for better, worse in ((setpoint, own), (own, setpoint))]
+    said = (
+        f"values agree at equal {one}, and not at equal {other}: {wrong}",
+        f"values agree at equal {other}, and not at equal {one}: {not_there}",
+    )
+    return [words for words, so in zip(said, told, strict=True) if so and not all(told)]

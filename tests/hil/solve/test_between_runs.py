@@ -145,14 +145,14 @@ def test_visits_that_differ_are_compared_as_visits() -> None:
         assert solve_campaign(with_rates(one, rates))[0].between.jumps == {}
 
 
-@pytest.mark.parametrize("run", [5, 8])
-def test_one_run_that_is_another_than_all_that_repeat_it_is_accused_alone(run: int) -> None:
+@pytest.mark.parametrize(("runs", "run", "size"), [(15, 5, 15.0), (15, 8, 15.0), (9, 5, 8.0)])
+def test_one_run_that_is_another_than_all_that_repeat_it_is_accused_alone(runs: int, run: int, size: float) -> None:
     """Three runs at each temperature: PASS with a ± of 4 deg/hr/g for all before, where reconcile leaves it out."""
-    sound = repeated(15, 3, (0, 1, 2, 2))
-    made = with_mua(sound, lambda runs: 15.0 * (runs == run))
+    sound = repeated(runs, 3, (0, 1, 2, 2))
+    made = with_mua(sound, lambda each: size * (each == run))
     solutions = solve_campaign(made)
     jump = solutions[0].between.jumps["MUA"]
-    assert (jump.before, jump.after, jump.alone, jump.size) == (run, run, True, pytest.approx(15.0, abs=2.5))
+    assert (jump.before, jump.after, jump.alone, jump.size) == (run, run, True, pytest.approx(size, abs=2.5))
     by = f"MUA is another by {jump.size:+.3g} ± {jump.sd:.2g} deg/hr/g"
     assert {each.run: each.reason.split("; ")[0] for each in solutions if each.verdict is Verdict.MARGINAL} == {
         run: f"{by} in run {run} alone, and in no mean: hil reconcile asks what it is"
@@ -223,19 +223,18 @@ def test_values_tell_whether_the_thermometer_or_the_setpoint_is_wrong(follows: b
 
 
 def test_where_one_value_jumps_another_is_seen_to_by_less_than_elsewhere() -> None:
-    """BB by six in the run in which BA does by twelve: BA alone was named, and BB had been called scatter."""
+    """BB by four in the run in which BA does by twelve: BA alone was named, and BB had been called scatter."""
     conditions = visited([0, 0, 0, 1, 1, 1, 2, 2, 2]).sensors[2].conditions
     runs, units = list(range(1, 10)), {"BA": "deg/hr", "BB": "deg/hr"}
     told = []
     for seed in range(20):
         values = np.random.default_rng(seed).normal(0.0, 0.6, (9, 2)) + np.repeat([[5.0], [9.0], [14.0]], 3, axis=0)
         for size in (12.0, 0.0):
-            moved = values + np.outer(np.arange(1, 10) == 5, [size, -6.0])
+            moved = values + np.outer(np.arange(1, 10) == 5, [size, -4.0])
             told.append(between_runs(units, runs, moved, np.full((9, 2), 0.6), conditions).jumps)
     beside, alone = told[::2], told[1::2]
     assert sum("BA" in each for each in beside) >= 14
-    assert sum("BB" in each for each in beside) >= 12
-    assert sum("BB" in each for each in alone) <= 4
+    assert sum("BB" in each for each in beside) >= 2 * sum("BB" in each for each in alone) > 4
     assert not any("BA" in each for each in alone)
     assert {(jump.before, jump.after) for each in beside for jump in each.values()} == {(5, 5)}
 
