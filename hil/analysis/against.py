@@ -163,9 +163,11 @@ class Comparison:
         found, all_of = len(self.flagged), len(self.differences)
         alone = all(mean.beyond is None for each in self.differences for mean in each.means)
         unknown = ", and beside it whatever changes from run to run, which neither repeats" * alone
+        of = sorted({sensor for sensor, _ in self.without})
+        less = f"; not compared is, of {numbered('sensor', of)}, what was {self._why_nothing}" if of else ""
         return (
             f"{found} of {all_of} differences from “{self.earlier}” {'is' if found == 1 else 'are'} beyond chance, "
-            f"which alone brings any there in {100.0 * RARE:g} % of comparisons{unknown}"
+            f"which alone brings any there in {100.0 * RARE:g} % of comparisons{unknown}{less}"
         )
 
     @property

@@ -10,6 +10,7 @@ from hil.files.numbers import degrees, number, rounded
 from hil.model import Model
 from hil.model.effects.document import shape_in_words
 from hil.reconcile.rivals import Rival
+from hil.solve.between_runs import ASKS
 from hil.solve.both_sensors import BothSensors
 from hil.solve.document import not_passed, not_passed_of, reasons
 from hil.solve.repeats import SensorRepeats, repeats
@@ -203,7 +204,7 @@ class Solved:
         beyond = sorted({run for each in every if each.exceeds_errors for run in each.runs})
         odd = [each for each in every if each.verdict is not Verdict.PASS]
         else_odd = {run for each in odd if not each.exceeds_errors or each.causes != [each.judged] for run in each.runs}
-        why = [f"{verdict}, {where}: {each}" for verdict, where, each in reasons(odd)]
+        why = [f"{verdict}, {where}: {each}".replace(ASKS, "") for verdict, where, each in reasons(odd)]
         shown = repeats(campaign, every)
         widens = any(each.repeated for each in shown.values()) or any(e.degrees_of_freedom for e in every)
         known = () if solved is None else solved.errors

@@ -23,7 +23,7 @@ from hil.model.effects.prior import ALPHA
 from hil.model.forms import default_form
 from hil.reconcile.follows import repeated
 from hil.reconcile.outcome import scatter
-from hil.reconcile.outcome.answer import Answer
+from hil.reconcile.outcome.answer import ORDINARY, Answer
 from hil.reconcile.outcome.findings import id_of
 from hil.reconcile.outcome.stated import flicker_in_words, lacking, scatter_in_words
 from hil.reconcile.rivals import CERTAIN
@@ -74,6 +74,7 @@ class Scattering:
         elif likely:
             more = scatter_in_words(noise) or self.answer.left.small
             nothing = "what scatters has no name" if more else "nothing certainly scatters"
+            nothing = nothing if next(iter(likely)) == ORDINARY else "what scatters is not certain"
             told = [found.untold or f"{nothing}: {next(iter(likely.values()))}"]
         else:
             told = ["too few repeats to tell anything"]

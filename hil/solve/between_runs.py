@@ -34,6 +34,7 @@ from hil.solve.uncertain import RARE, Spread
 from procedures.verdict import Judgement, Verdict
 from procedures.words import listed, numbered
 
+ASKS = ": hil reconcile asks what it is"
 NO_NOISE = "what a recorded column explains of it is no noise; hil reconcile looks"
 """Said where what repeats scatter by is taken for what changes from run to run by itself."""
 _VERY_RARE = (
@@ -124,7 +125,7 @@ class BetweenRuns:
                     alike.setdefault(of, []).append(name)
             said += [
                 f"{listed(names)} differ{'s' * (len(names) == 1)} in {numbered('run', of)}, of one temperature, by "
-                "more than at others: hil reconcile asks what it is"
+                f"more than at others{ASKS}"
                 for of, names in alike.items()
             ]
             found[run] = Judgement(Verdict.MARGINAL, "; ".join(said))
@@ -137,7 +138,7 @@ class BetweenRuns:
             several = by_place.setdefault((each.before, each.after, each.alone), [])
             how = "" if several else " is another" if each.before == each.after else " jumps"
             several.append(f"{name}{how} by {each.size:+.3g} ± {each.sd:.2g} {each.unit}")
-        return [f"{listed(said)} {_where(*place)}: hil reconcile asks what it is" for place, said in by_place.items()]
+        return [f"{listed(said)} {_where(*place)}{ASKS}" for place, said in by_place.items()]
 
 
 def _where(before: int, after: int, alone: bool) -> str:

@@ -25,6 +25,7 @@ from hil.solve.runs import OBSERVABLE
 from hil.solve.temperatures import at_no_temperature, same_temperature, told_by
 
 _CHANGED = 0.1  # of what changes most, of one unit
+_SLIGHTLY = 0.03  # of what changes most of all: less is what a temperature that is not quite one makes
 _DIGITS = 9
 _FROM = "from_run"  # of the shape of what steps
 
@@ -78,7 +79,7 @@ def before_and_after(
         change = np.max([np.nan_to_num(np.abs(now - was)) for *_, was, now in rows], axis=0, initial=0.0)
         units = np.array(form.units)
         most = np.array([np.max(change[units == unit]) for unit in units])
-        for p in np.flatnonzero(change > _CHANGED * most):
+        for p in np.flatnonzero((change > _CHANGED * most) & (change > _SLIGHTLY * np.max(change))):
             said = {(degC, float(was[p]), float(now[p])): run for degC, run, was, now in rows}
             same = len({(was, now) for _, was, now in said}) == 1
             stays = len(said) == len({degC for degC, *_ in said})
