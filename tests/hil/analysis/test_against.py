@@ -169,8 +169,10 @@ def test_a_setpoint_at_which_the_unit_was_at_another_temperature_is_not_compared
         (remark,) = [each for each in found.remarks if why in each]
         assert f"Sensor 2 at {mean.temperature_degC:.1f} °C (as set, unit " in remark
         assert list(found.without) == [(2, mean.temperature_degC)]
+        assert f"; not compared is, of sensor 2, what was at {mean.temperature_degC:.0f} °C " in found.sentence
     near = Comparison(changed(at_setpoint(first, runs, own - 1.5), add=50.0), first)
     assert (len(near.flagged), near.without) == (16, {})
+    assert "not compared" not in near.sentence
 
 
 def test_without_any_uncertainty_nothing_is_flagged(first: Campaign) -> None:
