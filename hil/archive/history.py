@@ -74,12 +74,14 @@ def history(index: Index, serial: str, model: str | None = None, limits: Limits 
 
             limits = Limits.parse(text, good[-1].name)
     names = {each.name for each in used}
-    means = [each for each in index.means(serial) if each.entry in names]
+    every_mean = [each for each in index.means(serial) if each.entry in names]
+    elsewhere = _elsewhere(every_mean)
+    means = [each for each in every_mean if each not in elsewhere]
     found = list(_parameters(means, {each.name: each.began_utc for each in used}, limits))
     parameters, kind, changes = [document for document, _ in found], good[-1], _changes(good, settings)
     said += _not_judged(limits, kind.model, parameters)
     days = {each.name: each.began_utc[:10] for each in used}
-    said += [*_not_compared(parameters, days), *_elsewhere(means, days)]
+    said += [*_not_compared(parameters, days), *_off(elsewhere, days)]
     day, why = _next(parameters, limits, used[-1].began_utc if used else "", judged=any(told for _, told in found))
     return {
         "schema": "hil.history/1",
@@ -164,22 +166,29 @@ def _not_compared(parameters: Sequence[Mapping[str, Any]], days: Mapping[str, st
             )
 
 
-def _elsewhere(means: Sequence[ArchivedMean], days: Mapping[str, str]) -> Iterator[str]:
-    """Yield of which calibrations the unit's thermometer showed another temperature than it usually does there."""
-    off = dict[tuple[int, str], dict[float, float]]()
+def _elsewhere(means: Sequence[ArchivedMean]) -> dict[ArchivedMean, float]:
+    """Return the means at which the unit's thermometer showed another temperature than usual there, and by how much."""
+    off = dict[ArchivedMean, float]()
     for at, of in trends.stations_of(means).items():
-        for sensor in sorted({each.sensor for each in of}):
-            own = {each.entry: each.own_degC for each in of if each.sensor == sensor and each.own_degC is not None}
-            beside = {entry: degC - float(np.median([*own.values()])) for entry, degC in own.items()}
-            for entry, degC in beside.items():
-                if at is not None and abs(degC) > ELSEWHERE_DEGC:
-                    off.setdefault((sensor, entry), {})[at] = degC
-    for (sensor, entry), by in off.items():
-        least, most = (f"{of(by.values()):+.1f}" for of in (min, max))
+        for sensor in {each.sensor for each in of}:
+            known = [(each, each.own_degC) for each in of if each.sensor == sensor and each.own_degC is not None]
+            usual = float(np.median([degC for _, degC in known])) if known and at is not None else np.nan
+            off |= {each: degC - usual for each, degC in known if abs(degC - usual) > ELSEWHERE_DEGC}
+    return off
+
+
+def _off(elsewhere: Mapping[ArchivedMean, float], days: Mapping[str, str]) -> Iterator[str]:
+    """Yield of which calibrations means are compared with no other, as the thermometer showed another temperature."""
+    by: dict[tuple[str, int], dict[float | None, float]] = {}
+    for each, degC in elsewhere.items():
+        by.setdefault((each.entry, each.sensor), {})[each.temperature_degC] = degC
+    for (entry, sensor), at in sorted(by.items()):
+        least, most = (f"{of(at.values()):+.1f}" for of in (min, max))
+        levels = listed(f"{each:z.0f}" for each in at if each is not None)
         yield (
             f"{days[entry]}: sensor {sensor}'s own thermometer shows {least}{f' to {most}' * (least != most)} °C "
-            f"beside what it usually does at {listed(f'{at:z.0f}' for at in by)} °C: it is off, or the unit was "
-            "elsewhere; values are brought to what is usual, and hil report --against compares none of these"
+            f"beside what it usually does at {levels} °C: it is off, or the unit was elsewhere; none of these is "
+            "compared, as hil report --against compares none"
         )
 
 

@@ -84,7 +84,7 @@ def test_a_newest_calibration_taken_elsewhere_is_not_outside_its_limits() -> Non
 
 
 def test_a_thermometer_that_shows_another_temperature_than_usual_is_said() -> None:
-    """A comparison of two such campaigns refuses them; a history had laid them together without a word."""
+    """As a comparison of two such campaigns refuses them, so does a history, and says so: it had laid them together."""
     for off_degC in (-2.5, 1.5):
         means, entries = [], []
         for number in range(3):
@@ -93,7 +93,9 @@ def test_a_thermometer_that_shows_another_temperature_than_usual_is_said() -> No
             for asked in (-20.0, 60.0):
                 own = asked + off_degC * (number == 2)
                 means.append(ArchivedMean(name, 2, "BA", asked, own, Uncertain(SLOPE * own, SD, 10.0, 3, "deg/hr")))
-        said = known(entries, means)["said"]
+        told = known(entries, means)
+        said, (parameter,) = told["said"], told["parameters"]
+        assert {len(each["values"]) for each in parameter["temperatures"]} == {2 if off_degC < -2.0 else 3}
         assert [each.partition(":")[0] for each in said] == ["2012-01-01"] * (off_degC < -2.0)
         assert (
             not said
