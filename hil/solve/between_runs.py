@@ -303,8 +303,9 @@ class _Compared:
         among = len(there) + len(tried) * (places is None)
         if best_step + _BETTER < best:
             k, alike = int(np.argmin(of_steps)), of_steps < best_step + _BETTER
-            by_noise = max(float(np.mean(self.noise)), _NOTHING)  # is what is left no more than that?
+            by_noise = max(float(np.mean(self.noise)), _NOTHING)  # that makes what is left, and hardly what goes
             usual = chdtrc(freedom - 1, left[k] / by_noise) > _USUAL
+            usual &= chdtrc(1, (whole - left[k]) / by_noise) < _VERY_RARE**2
             rare = RARE if usual or places is not None else _VERY_RARE
             if _chance(float(left[k]), whole, freedom, 1) * among < rare:
                 sd = float(np.sqrt(left[k] / (freedom - _JUMP + 1) / norm[k]))

@@ -104,8 +104,12 @@ def test_a_run_is_judged_beside_the_noise_that_its_sensors_repeats_show() -> Non
 
 def test_a_folder_whose_errors_are_too_small_is_accused_as_seldom_as_one_whose_errors_hold() -> None:
     """All runs together are judged beside that noise, too: else each would be by itself, and one of twelve is odd."""
-    nights = [solve_campaign(of_errors(repeated(12, 3, (0, 1, 2, 0, 1, 2), seed), 1.0 / 3.0)) for seed in range(9)]
-    assert sum(any(each.verdict is not Verdict.PASS for each in night) for night in nights) <= 1
+    made = [repeated(12, 3, (0, 1, 2, 0, 1, 2), seed) for seed in range(9)]
+    accused, usual = (
+        sum(any(each.verdict is not Verdict.PASS for each in solve_campaign(of_errors(one, share))) for one in made)
+        for share in (1.0 / 3.0, 1.0)
+    )
+    assert accused <= usual + 1 <= 2
 
 
 def noisy_in_the_cold(times: float, seed: int, order: tuple[int, ...] = (0, 1, 2, 0, 1, 2)) -> Campaign:
