@@ -7,7 +7,7 @@ So the improved model that reconcile writes gives parameters that are no longer 
 is held against no less noise than reconcile holds it against. Whatever else is asked of the campaign is asked of this.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -29,18 +29,26 @@ _NOTHING = 1e-6  # deg/hr, at 1 g: less is what arithmetic leaves
 
 def beside_usual(
     campaign: Campaign, usual: Callable[[Conditions], FloatArray], alike: Grouping = runs_by_temperature
-) -> tuple[Campaign, dict[int, SensorRepeats], frozenset[int]]:
+) -> tuple[Campaign, dict[int, SensorRepeats], Mapping[int, FloatArray]]:
     """Return what repeats show, with `usual` errors (n, c) of sensors whose noise neither errors nor residuals tell.
 
-    Repeats tell how many times as large these are. With it the campaign with them, and whose they are.
+    Nobody stated these, so that they are as many times as large as runs of one temperature differ by, be it by chance.
+    With it the campaign with them, and for each sensor that has some how many times that is, by channel (c,).
     """
-    shown = repeats(campaign, solve_campaign(campaign), alike)
-    told_by_no_one = {n for n, each in shown.items() if not each.stated and np.isnan(each.left_deg_per_hr).all()}
-    if told_by_no_one:
-        sensors = {n: replace(of, rates_se_deg_per_hr=usual(of.conditions)) for n, of in campaign.sensors.items()}
-        campaign = replace(campaign, sensors={**campaign.sensors, **{n: sensors[n] for n in told_by_no_one}})
-        shown = repeats(campaign, solve_campaign(campaign), alike)
-    return campaign, shown, frozenset(told_by_no_one)
+    shown, assumed = repeats(campaign, solve_campaign(campaign), alike), dict[int, FloatArray]()
+    for _ in range(2):  # as usual, then as these show
+        for n, each in shown.items():
+            if n in assumed or (not each.stated and np.isnan(each.left_deg_per_hr).all()):
+                known = each.differ.freedom > 0.5  # where no errors are there yet nothing differs by so many of them
+                times = np.sqrt(each.differ.squares / np.where(known, each.differ.freedom, 1.0))
+                assumed[n] = (
+                    np.where(known & (times > 0.0), times, 1.0) if n in assumed else np.ones(len(each.channels))
+                )
+                errors = assumed[n] * usual(campaign.sensors[n].conditions)
+                rows = replace(campaign.sensors[n], rates_se_deg_per_hr=errors)
+                campaign = replace(campaign, sensors={**campaign.sensors, n: rows})
+        shown = repeats(campaign, solve_campaign(campaign), alike) if assumed else shown
+    return campaign, shown, assumed
 
 
 def solve_beside(campaign: Campaign, model: Model) -> list[RunSolution]:

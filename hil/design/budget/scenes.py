@@ -8,7 +8,7 @@ solved for after a night, and else typical of such a sensor.
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -105,14 +105,17 @@ def measured_scenes(
     `shown` is what repeats show. Runs that FAIL by their own records, which are in no mean, are left out.
     """
     used = treated(campaign).sensors
-    _, by_usual, assumed = beside_usual(campaign, bench.uncertainties.of_collects) if shown else (campaign, {}, ())
-    by = {**shown, **{number: by_usual[number] for number in assumed}}
-    return {number: list(_measured_runs(rows, bench, by.get(number), model)) for number, rows in used.items()}
+    _, _, assumed = beside_usual(campaign, bench.uncertainties.of_collects) if shown else (campaign, {}, {})
+    return {
+        number: list(_measured_runs(rows, bench, shown.get(number), assumed.get(number), model))
+        for number, rows in used.items()
+    }
 
 
 def _measured_runs(
-    collects: Collects, bench: Bench, shown: SensorRepeats | None, model: Model | None
+    collects: Collects, bench: Bench, shown: SensorRepeats | None, assumed: FloatArray | None, model: Model | None
 ) -> Iterator[RunScene]:
+    """Yield the runs of a sensor; `assumed` (c,) is by how much noise that nobody tells is larger than the bench's."""
     usual = f"angle_random_walk {bench.uncertainties.angle_random_walk:g} deg/√hr over the collect"
     measured = collects.rows(~np.all(np.isnan(collects.rates_deg_per_hr), axis=1))
     for run, here in measured.conditions.of_each_run.items():
@@ -126,6 +129,7 @@ def _measured_runs(
             sigma, noisy = np.ones(sigma.shape), shown.left_deg_per_hr  # all weigh alike
             noise_by = "residuals of all runs; no errors are stated"
         elif shown is not None:
+            shown = shown if assumed is None else replace(shown, noise_times=assumed)
             noisy, noise_by = shown.noise_times, shown.noise_by(noise_by)
         given = sources(bench.uncertainties, bench.name, *_slope(conditions), noise_by)
         base, origin = _base(conditions, model) if model is not None else _solved(rows, form)

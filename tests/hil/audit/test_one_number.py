@@ -374,3 +374,22 @@ def test_a_budget_says_why_solve_states_more_than_all_sources(
         assert run(["budget", str(tmp_path / name), "--draws", "100"]) == 0
         said = "hil solve states more of BA, BB: errors as large as residuals or repeats show them, be it by chance"
         assert said in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("more", [0.0, 2.0])
+def test_noise_that_nobody_tells_is_what_repeats_show_in_a_budget_as_in_a_map(more: float) -> None:
+    """Three collects without errors leave no residual: the bench's usual noise had stood in the budget whatever was."""
+    one = campaign(24, 4, seed=3, scatter=0.0)
+    rows = one.sensors[2]
+    rates = rows.rates_deg_per_hr + np.random.default_rng(1).normal(0.0, more, rows.rates_deg_per_hr.shape)
+    one = replace(
+        one, sensors={2: replace(rows, rates_deg_per_hr=rates, rates_se_deg_per_hr=np.full_like(rates, np.nan))}
+    )
+    shown, seen = repeats(one, solve_campaign(one)), campaign_document(one, changes=())
+    sizes: Any = seen["sensors"]
+    of_collects = [*sizes["2"]["noise"]["channels_deg_per_hr"].values()]
+    scenes = measured_scenes(one, load_bench("simulated"), shown)
+    budget = budget_document(scenes, "t", Asked(draws=100), observed=shown)["sensors"]["2"]
+    assert budget["noise_deg_per_hr"] == pytest.approx(np.sqrt(np.mean(np.square(of_collects))), rel=0.01)
+    assert budget["noise_deg_per_hr"] == pytest.approx(np.hypot(0.7, more), rel=0.35)
+    assert "times what residuals and repeats show" in budget["sources"][0]["origin"]
