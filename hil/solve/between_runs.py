@@ -37,9 +37,7 @@ from procedures.words import listed, numbered
 ASKS = ": hil reconcile asks what it is"
 NO_NOISE = "what a recorded column explains of it is no noise; hil reconcile looks"
 """Said where what repeats scatter by is taken for what changes from run to run by itself."""
-_VERY_RARE = (
-    0.1 * RARE
-)  # chance of a jump that is none, where runs scatter beside it by more than noise: they are judged by it
+_VERY_RARE = 0.1 * RARE  # chance of a jump that is none, where more than noise scatters: runs are judged by it
 _USUAL = 0.05  # chance of noise that is no larger
 _BETTER = 6.0  # twice the log of how much likelier one of two makes what is seen, 20 times: it alone is told
 _DRIFT = 3  # order in time of what is no jump
@@ -91,7 +89,8 @@ class BetweenRuns:
     def lasting(self) -> list[str]:
         """Return the parameters of which runs of one visit have the same in common: what ages, jumps or is history."""
         ages = (name for name, columns in self.follow.items() if {TIME, WAY} & {*columns})
-        return list(dict.fromkeys([*ages, *(self.jumps.keys() - self.alone.keys()), *self.of_visits]))
+        steps = (name for name in self.jumps if name not in self.alone)
+        return list(dict.fromkeys([*ages, *steps, *self.of_visits]))
 
     @property
     def in_words(self) -> list[str]:
@@ -187,8 +186,9 @@ def between_runs(
     uneven = dict[str, tuple[int, ...]]()
     for p, name in enumerate(units):
         if spread.uneven[p] and spread.certain[p] and name not in {*follow, *jumps, *of_visits}:
-            squares = [np.nanvar(values[group == k, p]) for k in range(group.max() + 1)]
-            uneven[name] = tuple(sorted(number[group == int(np.nanargmax(squares))].tolist()))
+            of_each = [(group == k) & np.isfinite(values[:, p]) for k in range(group.max() + 1)]
+            most = max(filter(np.any, of_each), key=lambda here: float(np.var(values[here, p])))
+            uneven[name] = tuple(sorted(number[most].tolist()))
     return BetweenRuns(follow, jumps, apart, uneven, of_visits, agrees(number, values, errors, conditions))
 
 
