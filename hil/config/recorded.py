@@ -19,7 +19,6 @@ from drivers.given_file import read_bytes
 from drivers.strict_yaml import check_schema
 from hil.config import Bench, parse_bench
 from hil.config.limits import Limits
-from hil.config.ports import SIMULATED_SCHEME
 from hil.config.sweep import Sweep, limits_of, parse_sweep
 from hil.errors import InputError
 from hil.files.durable import RealDisk, write_durably
@@ -126,12 +125,6 @@ def understood(text: str) -> dict[str, Any]:
         return parse_yaml(text, "the night's configuration")
     except InputError:
         return {}
-
-
-def chamber_within(text: str) -> bool:
-    """Return whether a night's chamber is simulated inside its controller: it ends with it, and conditions no more."""
-    port = understood(text).get("bench", {}).get("chamber", {}).get("port", "") if SIMULATED_SCHEME in text else ""
-    return str(port).startswith(SIMULATED_SCHEME)
 
 
 @lru_cache(4)  # the units of one night share it

@@ -13,7 +13,6 @@ import sqlite3
 from pathlib import Path
 
 from drivers.clock import SystemClock
-from hil.config.recorded import chamber_within
 from hil.errors import InputError, worded
 from hil.files.lock import living_owner
 from hil.files.strict import one_line
@@ -84,12 +83,22 @@ def who_asks() -> str:
     return f"{user()}@{socket.gethostname()}"
 
 
+def chamber_within(journal: JournalReader) -> bool:
+    """Return whether the chamber is simulated inside the controller: it ends with it, and conditions no more."""
+    from hil.config.ports import SIMULATED_SCHEME  # imported late: whoever reads a night needs no bench files
+    from hil.config.recorded import understood
+
+    text = journal.night.configuration
+    bench = understood(text).get("bench", {}) if SIMULATED_SCHEME in text else {}
+    return str(bench.get("chamber", {}).get("port", "")).startswith(SIMULATED_SCHEME)
+
+
 def forsaken_chamber(journal: JournalReader) -> str:
     """Say in what state a controller that died left its chamber; empty where the last one has ended."""
     controllers, beat = journal.controllers(), journal.last_heartbeat()
     if not controllers or controllers[-1].ended is not None:
         return ""
-    if chamber_within(journal.night.configuration):
+    if chamber_within(journal):
         return "the simulated chamber ended with its controller"
     setpoint = None if beat is None else beat.readings.get("setpoint_degC")
     where = "" if setpoint is None else f", at {setpoint:.1f} °C when it was last heard of"
@@ -103,7 +112,7 @@ def _require_controller(folder: Path, kind: RequestKind) -> None:
         return
     with open_readonly(folder) as journal:
         controllers, forsaken = journal.controllers(), forsaken_chamber(journal)
-        to_do = made_safe(folder, within=chamber_within(journal.night.configuration))
+        to_do = made_safe(folder, within=chamber_within(journal))
     nobody = f"{folder}: no controller is at work here, so nobody would hear {kind.value}"
     if forsaken:
         raise InputError(f"{nobody}: it was killed, or lost its power, and {forsaken}; {to_do}")

@@ -15,11 +15,10 @@ from pathlib import Path
 from typing import Any
 
 from drivers.clock import SystemClock
-from hil.config.recorded import chamber_within
 from hil.records.damage import lost_blocks
 from hil.records.live import SILENCE_BORNE_S, age_s, read_heartbeat, read_live
 from hil.records.reader import JournalReader, reading
-from hil.records.requests import forsaken_chamber
+from hil.records.requests import chamber_within, forsaken_chamber
 from hil.records.rows import Attempt
 from hil.records.troubles import troubles
 from hil.records.units import unit_folder
@@ -101,7 +100,7 @@ def _document(facts: _Facts) -> dict[str, Any]:
     present = going_on[-1] if working and going_on and newest and going_on[-1].controller == newest.number else None
     standing, over = _troubles(facts)
     left, forsaken = _left(facts), forsaken_chamber(facts.journal) if facts.owner is None else ""
-    if forsaken and chamber_within(night.configuration):
+    if forsaken and chamber_within(facts.journal):
         left = Left()
     return {
         "schema": "hil.status/1",
