@@ -66,3 +66,13 @@ def test_a_process_that_works_for_another_leaves_the_keyboard_to_it() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert (done.stdout, done.stderr) == ("at work\n", "")
+
+
+def test_a_process_that_waits_for_work_ends_with_its_pool_and_is_not_told_to_by_itself() -> None:
+    """It has nothing to clear up; one that ended so would have those that clear up told a second time."""
+    code = (
+        "import os, signal; from multiprocessing import Event; from hil.files.processes import end_with_parent; "
+        "end_with_parent(Event()); os.kill(os.getpid(), signal.SIGTERM); print('waiting')"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert (done.stdout, done.stderr) == ("waiting\n", "")
