@@ -164,6 +164,18 @@ def test_a_channel_of_which_residuals_say_more_is_stated_to_scatter_more() -> No
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(("seed", "channel"), [(21, "RB"), (37, "RA")])
+def test_an_offset_that_is_within_chance_for_hil_solve_is_in_no_model(seed: int, channel: str) -> None:
+    """None is at 2 to 4 %: it had been stated at 5, in one of ten channels that have none."""
+    one = campaign(9, 3, seed=seed, scatter=0.4)
+    result = reconcile(one, "matrix-6", prove=False)
+    (seen,) = (each for each in result.noise if each["channel"] == channel)
+    assert (seen["run_offset_deg_per_hr"] > 0.5, seen["run_offset_se_deg_per_hr"]) == (True, None)
+    assert not result.left.shown[2].by_noise.certain.any()
+    assert 2 not in result.model_after.noise
+
+
+@pytest.mark.slow
 def test_where_few_runs_cannot_tell_an_offset_from_scatter_each_has_its_part() -> None:
     """All of it had been written as scatter from collect to collect, beside an offset that may be most of it."""
     one = campaign(4, 2, seed=0, scatter=0.0)
