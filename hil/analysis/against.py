@@ -215,7 +215,10 @@ def _not_comparable(mean: MeanAt, match: MeanAt | None, moving: Sequence[Mapping
 def _itself(campaign: Campaign, earlier: Campaign) -> Iterator[str]:
     pairs = [(rows, other) for n, rows in campaign.sensors.items() if (other := earlier.sensors.get(n)) is not None]
     if all(np.array_equal(a.rates_deg_per_hr, b.rates_deg_per_hr, equal_nan=True) for a, b in pairs) and pairs:
-        yield "Both hold the very same rates: the campaign is compared with itself, or with a copy whose other columns were changed, and nothing can differ."
+        yield (
+            "Both hold the very same rates: the campaign is compared with itself, or with a copy whose other columns were "
+            "changed, and nothing can differ."
+        )
 
 
 def _slips(campaign: Campaign, earlier: Campaign) -> Iterator[str]:
