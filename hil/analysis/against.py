@@ -216,8 +216,8 @@ def _itself(campaign: Campaign, earlier: Campaign) -> Iterator[str]:
     pairs = [(rows, other) for n, rows in campaign.sensors.items() if (other := earlier.sensors.get(n)) is not None]
     if all(np.array_equal(a.rates_deg_per_hr, b.rates_deg_per_hr, equal_nan=True) for a, b in pairs) and pairs:
         yield (
-            "Both hold the very same rates: the campaign is compared with itself, or with a copy whose other columns were "
-            "changed, and nothing can differ."
+            "Both hold the very same rates: the campaign is compared with itself, or with a copy whose other columns "
+            "were changed, and nothing can differ."
         )
 
 
