@@ -28,14 +28,18 @@ _NOTHING = 1e-6  # deg/hr, at 1 g: less is what arithmetic leaves
 
 
 def beside_usual(
-    campaign: Campaign, usual: Callable[[Conditions], FloatArray], alike: Grouping = runs_by_temperature
-) -> tuple[Campaign, dict[int, SensorRepeats], Mapping[int, FloatArray]]:
+    campaign: Campaign,
+    shown: Mapping[int, SensorRepeats],
+    usual: Callable[[Conditions], FloatArray],
+    alike: Grouping = runs_by_temperature,
+) -> tuple[Campaign, Mapping[int, SensorRepeats], Mapping[int, FloatArray]]:
     """Return what repeats show, with `usual` errors (n, c) of sensors whose noise neither errors nor residuals tell.
 
-    Nobody stated these, so that they are as many times as large as runs of one temperature differ by, be it by chance.
-    With it the campaign with them, and for each sensor that has some how many times that is, by channel (c,).
+    Of the others it is what was `shown`. Nobody stated these errors, so that they are as many times as large as runs of
+    one temperature differ by, be it by chance. With it the campaign with them, and for each sensor that has some how
+    many times that is, by channel (c,).
     """
-    shown, assumed = repeats(campaign, solve_campaign(campaign), alike), dict[int, FloatArray]()
+    assumed = dict[int, FloatArray]()
     for _ in range(2):  # as usual, then as these show
         for n, each in shown.items():
             if n in assumed or (not each.stated and np.isnan(each.left_deg_per_hr).all()):

@@ -22,11 +22,11 @@ from scipy.special import ndtri, stdtr
 from hil.campaign import Campaign, FloatArray, IntArray
 from hil.files.document import picked
 from hil.model.forms import MATRIX_6, PER_G, RATE
-from hil.solve.repeats import SensorRepeats, means_of, repeats
+from hil.solve.repeats import SensorRepeats, repeats
 from hil.solve.residuals import noise_left
 from hil.solve.runs import solve_campaign
 from hil.solve.temperatures import runs_by_temperature
-from hil.solve.uncertain import CONFIDENCE, Spread
+from hil.solve.uncertain import CONFIDENCE, Spread, means_at
 from procedures.words import counted, listed
 
 FALSE_ALARM = 0.05
@@ -128,9 +128,13 @@ def common_and_differential(campaign: Campaign) -> BothSensors | None:
     values, errors = np.moveaxis(np.array([both[run] for _, runs in at for run in runs]), -1, 0)  # (runs, 2, 6)
     white = np.sqrt(np.sum(errors**2, axis=1))  # the sensors' noise is independent
     known = min(float(by.min()) for _, by in noise.values())
+
+    def told_of(of: FloatArray, error: FloatArray) -> SensorRepeats:
+        spread = Spread.of(of, error, group, residuals=known)
+        return SensorRepeats.of(UNITS, spread, means_at(UNITS, of, error, group, at, spread))
+
     common, differential = (
-        means_of(UNITS, of, error, group, at, Spread.of(of, error, group, residuals=known))
-        for of, error in ((values.mean(axis=1), 0.5 * white), (values[:, 1] - values[:, 0], white))
+        told_of(of, error) for of, error in ((values.mean(axis=1), 0.5 * white), (values[:, 1] - values[:, 0], white))
     )
     alike = not any(shown[number].uneven.any() or shown[number].left_larger for number in rotors)
     every_sensor = zip(values.swapaxes(0, 1), errors.swapaxes(0, 1), strict=True)

@@ -20,12 +20,12 @@ Every command that states an uncertainty asks here.
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from scipy.special import chdtrc
 
-from hil.campaign import BoolArray, Campaign, Collects, Conditions, FloatArray, IntArray
+from hil.campaign import BoolArray, Campaign, Collects, Conditions, FloatArray
 from hil.files.numbers import degrees
 from hil.solve.between_runs import BetweenRuns
 from hil.solve.precision import stated_noise, to_record_of
@@ -99,6 +99,11 @@ class SensorRepeats:
     between: BetweenRuns = field(default_factory=BetweenRuns)
     left_larger: Sequence[str] = ()
     visited_once: Sequence[str] = ()
+
+    @classmethod
+    def of(cls, units: Mapping[str, str], spread: Spread, means: Sequence[MeanAt]) -> Self:
+        """Return what means of parameters with these `units`, and their spread, show by themselves."""
+        return cls(tuple(units), tuple(units.values()), spread, spread, means)
 
     @property
     def times_of(self) -> dict[str, float]:
@@ -302,20 +307,6 @@ def repeats(
     return found
 
 
-def means_of(
-    units: Mapping[str, str],
-    values: FloatArray,
-    errors: FloatArray,
-    group: IntArray,
-    at: Sequence[tuple[float | None, tuple[int, ...]]],
-    spread: Spread,
-    together: IntArray | None = None,
-) -> SensorRepeats:
-    """Return what `means_at` gives of r runs' values (r, p), with standard errors (r, p), and their `spread`."""
-    means = means_at(units, values, errors, group, at, spread, together)
-    return SensorRepeats(tuple(units), tuple(units.values()), spread, spread, means)
-
-
 def _of_sensor(
     own: Sequence[RunSolution],
     rows: Collects,
@@ -361,7 +352,8 @@ def _of_sensor(
     one_each = gathered(values, errors, visit, by_visit)  # runs of a visit have in common what history made of them
     spread = Spread.of(*one_each, group, changing, residuals, np.sqrt(common), beyond)
     together = np.where(by_visit, visit[:, None], np.arange(len(own))[:, None])
-    shown = replace(means_of(units, values, errors, group, at, spread, together), left_deg_per_hr=noise)
+    means = means_at(units, values, errors, group, at, spread, together)
+    shown = replace(SensorRepeats.of(units, spread, means), left_deg_per_hr=noise)
     by_noise = Spread.of(*one_each, group, np.sqrt(shares @ noise_times**2), residuals, stated_beyond=beyond)
     alike = np.nan_to_num(spread.parts(errors)[1]).tolist()
     return replace(

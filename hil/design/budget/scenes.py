@@ -105,7 +105,7 @@ def measured_scenes(
     `shown` is what repeats show. Runs that FAIL by their own records, which are in no mean, are left out.
     """
     used = treated(campaign).sensors
-    _, _, assumed = beside_usual(campaign, bench.uncertainties.of_collects) if shown else (campaign, {}, {})
+    *_, assumed = beside_usual(campaign, shown, bench.uncertainties.of_collects)
     return {
         number: list(_measured_runs(rows, bench, shown.get(number), assumed.get(number), model))
         for number, rows in used.items()

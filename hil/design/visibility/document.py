@@ -27,6 +27,7 @@ from hil.model import Model, fitting_campaign, fitting_conditions
 from hil.model.effects.catalogue import EFFECTS, FORM_EFFECTS, SERIES_EFFECTS, VARIANCE_EFFECTS
 from hil.model.effects.document import shape_in_words
 from hil.model.effects.prior import ALPHA
+from hil.solve import repeats, solve_campaign
 from hil.solve.beside_terms import beside, beside_usual, scatter_of_runs
 from hil.solve.between_runs import NO_NOISE
 from hil.solve.changes import CHANGES, Change
@@ -187,7 +188,10 @@ def campaign_document(
         told = {"noise_of": model.full_title, **told} if model.noise else told
     usual = NoiseLevel().collect_deg_per_hr  # repeats show what is beyond
     campaign, shown, assumed = beside_usual(
-        campaign, lambda conditions: np.full(conditions.w_channels_deg_per_hr.shape, usual), runs_made_alike
+        campaign,
+        repeats(campaign, solve_campaign(campaign), runs_made_alike),
+        lambda conditions: np.full(conditions.w_channels_deg_per_hr.shape, usual),
+        runs_made_alike,
     )
     used = with_stand_ins(usable(treated(campaign))).sensors
     conditions = {number: rows.conditions for number, rows in used.items()}

@@ -117,9 +117,9 @@ def _places(
 
     That is but for runs that are `parted`, where there are others; and those of runs in which something `changed`.
     """
-    station, here = same_temperature(conditions), np.isin(conditions.run, [*changed])
+    station, odd = same_temperature(conditions), np.isin(conditions.run, [*changed])
     known = np.unique(station)
-    for k in np.union1d(known[[0, len(known) // 2, -1]], station[here]).tolist() if len(known) else ():
+    for k in np.union1d(known[[0, len(known) // 2, -1]], station[odd]).tolist() if len(known) else ():
         degC = known_mean(conditions.columns[OWN][station == k])
         made, collects = np.unique(conditions.run[station == k], return_counts=True)
         whole = made[collects == collects.max()]

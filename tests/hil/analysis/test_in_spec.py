@@ -18,9 +18,9 @@ from hil.campaign import Campaign
 from hil.config.limits import Limits, ParameterLimits
 from hil.errors import InputError
 from hil.solve import repeats, solve_campaign
-from hil.solve.repeats import means_of
+from hil.solve.repeats import SensorRepeats
 from hil.solve.temperatures import NOT_SETTLED
-from hil.solve.uncertain import MeanAt, Spread
+from hil.solve.uncertain import MeanAt, Spread, means_at
 from procedures.verdict import Judgement, Verdict
 from tests.hil.analysis.thermal.nights import rotor_night
 
@@ -253,7 +253,8 @@ def test_a_unit_on_the_limit_is_called_in_spec_as_rarely_as_stated(temperatures:
     names = {f"B{unit}": "deg/hr" for unit in range(UNITS)}
     at = [(20.0 * k, tuple(range(k * runs + 1, (k + 1) * runs + 1))) for k in range(temperatures)]
     errors, group = np.ones_like(values), np.repeat(np.arange(temperatures), runs)
-    shown = means_of(names, values, errors, group, at[:], Spread.of(values, errors, group))
+    spread = Spread.of(values, errors, group)
+    shown = SensorRepeats.of(names, spread, means_at(names, values, errors, group, at[:], spread))
     shown = replace(shown, means=shown.means[:1], told_by="temperature_degC")
     of = ParameterLimits(high=0.0, scatter=float(np.hypot(beyond, 1.0)))
     rule = limits({"BA": {"high": "1 deg/hr"}})

@@ -58,21 +58,17 @@ def test_who_is_stopped_leaves_no_process_behind(how: signal.Signals, tmp_path: 
         assert [*place.iterdir()] == []
 
 
-def test_a_process_that_works_for_another_leaves_the_keyboard_to_it() -> None:
-    """Ctrl-C goes to all processes of a terminal: one of them answers it, without the tracebacks of the others."""
+@pytest.mark.parametrize(("told", "given_up"), [("SIGINT", "None"), ("SIGTERM", "Event()")])
+def test_a_process_that_works_for_another_leaves_the_keyboard_to_it_and_ends_with_its_pool(
+    told: str, given_up: str
+) -> None:
+    """Ctrl-C goes to all processes of a terminal: one of them answers it, without the tracebacks of the others.
+
+    One that waits for work has nothing to clear up; if it ended so, those that clear up would be told a second time.
+    """
     code = (
-        "import os, signal, time; from hil.files.processes import end_with_parent; end_with_parent(None); "
-        "os.kill(os.getpid(), signal.SIGINT); print('at work')"
+        "import os, signal, time; from multiprocessing import Event; from hil.files.processes import end_with_parent; "
+        f"end_with_parent({given_up}); os.kill(os.getpid(), signal.{told}); print('at work')"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert (done.stdout, done.stderr) == ("at work\n", "")
-
-
-def test_a_process_that_waits_for_work_ends_with_its_pool_and_is_not_told_to_by_itself() -> None:
-    """It has nothing to clear up; one that ended so would have those that clear up told a second time."""
-    code = (
-        "import os, signal; from multiprocessing import Event; from hil.files.processes import end_with_parent; "
-        "end_with_parent(Event()); os.kill(os.getpid(), signal.SIGTERM); print('waiting')"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert (done.stdout, done.stderr) == ("waiting\n", "")

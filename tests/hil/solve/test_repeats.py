@@ -13,8 +13,8 @@ from hil.analysis.thermal.fit import fit_thermal
 from hil.campaign import Campaign, Collects
 from hil.solve import repeats, solve_campaign
 from hil.solve.omissions import in_words, what_is_wrong
-from hil.solve.repeats import means_of
-from hil.solve.uncertain import Spread, Uncertain
+from hil.solve.repeats import SensorRepeats
+from hil.solve.uncertain import Spread, Uncertain, means_at
 from procedures.verdict import Judgement, Verdict
 from tests.hil.analysis.thermal.nights import PUBLISHED_DEGC, RUN_TO_RUN, rotor_night, scaled
 from tests.hil.solve.runs_of_a_unit import campaign as runs_at_their_temperatures
@@ -356,7 +356,8 @@ def test_each_parameter_is_known_by_the_runs_that_tell_it() -> None:
     every = Spread.of(values, errors, group)
     values[::3, 1], errors[::3, 2] = np.nan, 1e6
     spread = Spread.of(values, errors, group)
-    shown = means_of(dict.fromkeys("ABC", "deg/hr"), values, errors, group, [(float(k), ()) for k in range(3)], spread)
+    units, at = dict.fromkeys("ABC", "deg/hr"), [(float(k), ()) for k in range(3)]
+    shown = SensorRepeats.of(units, spread, means_at(units, values, errors, group, at, spread))
     fewer = Spread.of(*(np.delete(each, np.s_[::3], axis=0) for each in (values, errors, group)))
     assert shown.spread.freedom == pytest.approx([every.freedom[0], fewer.freedom[1], fewer.freedom[2]], rel=1e-3)
     assert shown.spread.freedom[0] > 1.9 * shown.spread.freedom[2]
