@@ -1,9 +1,8 @@
 """What an onlooker may see of a running sweep; one that raises is dropped, and the sweep goes on."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
-from functools import partial
 
 from drivers.frames.counts import StreamCounts
 from procedures.journal_protocol import StepResult
@@ -57,21 +56,3 @@ class Progress:
 
     def event(self, kind: str, message: str, at_s: float) -> None:
         """See what goes into the journal as an event, at campaign seconds: a retry, an interlock, the safe state."""
-
-
-class Audience(Progress):
-    """Several onlookers as one. One that raises is left out from then on, and `lost` is told why."""
-
-    def __init__(self, onlookers: Iterable[Progress], lost: Callable[[Exception], None]) -> None:
-        self._onlookers = list(onlookers)
-        self._lost = lost
-        for what in ("sweep_began", "step_began", "update", "step_ended", "event"):
-            setattr(self, what, partial(self._each, what))
-
-    def _each(self, what: str, *seen: object) -> None:
-        for onlooker in tuple(self._onlookers):
-            try:
-                getattr(onlooker, what)(*seen)
-            except Exception as error:
-                self._onlookers.remove(onlooker)
-                self._lost(error)

@@ -50,7 +50,7 @@ class Watch:
     began: datetime
     interlocks: InterlockSettings = field(default_factory=InterlockSettings)
     polling: Polling = field(default_factory=Polling)
-    progress: Progress = field(default_factory=Progress)
+    onlookers: Sequence[Progress] = ()
     control: Control | None = None
     vital: Callable[[float], None] | None = None
     disk_free_mb: Callable[[], float] | None = None
@@ -120,11 +120,12 @@ class Watch:
 
     def show(self, what: str, *arguments: object) -> None:
         """Let onlookers see what need not be recorded here; `what` is a method of theirs."""
-        try:
-            getattr(self.progress, what)(*arguments)
-        except Exception as error:  # an onlooker, or its closed terminal, must not end a night
-            self.progress = Progress()
-            self.journal.event("onlooker-lost", f"progress is no longer shown: {type(error).__name__}: {error}")
+        for onlooker in tuple(self.onlookers):
+            try:
+                getattr(onlooker, what)(*arguments)
+            except Exception as error:  # an onlooker, or its closed terminal, must not end a night
+                self.onlookers = [each for each in self.onlookers if each is not onlooker]
+                self.journal.event("onlooker-lost", f"progress is no longer shown: {error!r}")
 
     # Looking
 

@@ -127,7 +127,7 @@ def cut_off(folder: Path) -> None:
     """Leave an unfinished night with some blocks in `folder`."""
     mounted(folder, f"size={_ROOM_KB}k")
     stopper = _Stopper()
-    start_night(folder / "night", nights.sweep(), bench(), progress=stopper, stop=stopper.stop)
+    start_night(folder / "night", nights.sweep(), bench(), onlookers=[stopper], stop=stopper.stop)
 
 
 def main() -> None:

@@ -73,7 +73,7 @@ def measured(hours: float, rate_hz: float, folder: Path) -> dict[str, Any]:
     sweep, bench = sweep_of(hours), bench_at(rate_hz)
     scale = _Scale(make_plan(sweep.procedure()).total_s)
     at_start_mb, began_s = rss_mb(), time.monotonic()
-    outcome = start_night(folder, sweep, bench, progress=scale)
+    outcome = start_night(folder, sweep, bench, onlookers=[scale])
     night_s = time.monotonic() - began_s
     with open_readonly(folder) as journal:
         simulated_s = journal.controllers()[-1].seen_s

@@ -189,12 +189,12 @@ def _in_child(work: Callable[[], dict[str, Any]]) -> dict[str, Any] | None:
 
 def _first(night: Path, sweep: Sweep, bench: Bench, seed: int) -> dict[str, Any]:
     witness = Witness(night.parent)
-    return witness.tell(start_night(night, sweep, bench, seed=seed, progress=witness, opened=witness.look_at))
+    return witness.tell(start_night(night, sweep, bench, seed=seed, onlookers=[witness], opened=witness.look_at))
 
 
 def _next(night: Path) -> dict[str, Any]:
     witness = Witness(night.parent)
-    return witness.tell(resume_night(night, progress=witness, opened=witness.look_at))
+    return witness.tell(resume_night(night, onlookers=[witness], opened=witness.look_at))
 
 
 class Witness(Progress):

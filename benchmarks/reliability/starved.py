@@ -57,7 +57,7 @@ class Starver(Progress):
 
 def without_memory(night: Path, step: str, margin_kB: float) -> str:
     """Return how a night ends that has no more memory from this step on."""
-    ended = start_night(night, nights.sweep(), nights.bench(), who="first", progress=Starver(step, margin_kB))
+    ended = start_night(night, nights.sweep(), nights.bench(), who="first", onlookers=[Starver(step, margin_kB)])
     return f"{ended.state}: {ended.reason}; {'NOT KNOWN to be safe' if ended.exit_status in (5, 6) else 'safe'}"
 
 

@@ -60,7 +60,7 @@ class Sleeper(Progress):
 def suspended(base: Path, key: str, share: float, lasts_s: float, seconds: float) -> dict[str, Any]:
     """Return what became of a night that slept so far into this step: how it ended, what was said, what is wrong."""
     sleeper, night = Sleeper(key, share * lasts_s, seconds), base / f"{key.replace('/', '_')}-{share}"
-    ended = start_night(night, SWEEP, nights.bench(), who="first", progress=sleeper, opened=sleeper.open)
+    ended = start_night(night, SWEEP, nights.bench(), who="first", onlookers=[sleeper], opened=sleeper.open)
     with open_readonly(night) as journal:
         said = [each.message for each in journal.events() if each.kind == "nobody-looked"]
         attempts = [each for each in journal.attempts() if each.step_key == key]

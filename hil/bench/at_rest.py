@@ -5,8 +5,6 @@ may state from the data sheet how large that gets and how noisy it is (`drivers.
 is compared with what it would be in other units, and the nearest is named.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Commands about what a model lacks: reconcile, twin, visibility, effects."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager

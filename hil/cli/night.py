@@ -24,7 +24,7 @@ from hil.cli.output import messages, print_json, results, warn
 from hil.cli.progress import TerminalProgress, onlooker
 from hil.cli.watchdog import WatchdogBeside
 from hil.errors import InputError
-from procedures.progress import Audience, Progress
+from procedures.progress import Progress
 from procedures.words import hours_minutes, step_in_words
 
 if TYPE_CHECKING:
@@ -131,9 +131,9 @@ def resume(
         left = len(done) < len(journal.plan.steps) and not journal.found and owner is None
         wrong = look_first(asked, on, folder, despite, done) if left else []
     remarks, who = Remarks(note, wrong, despite, serial or ""), operator or None
-    with _watching(folder, on, quiet=quiet, watchdog=watchdog) as progress:
+    with _watching(folder, on, quiet=quiet, watchdog=watchdog) as onlookers:
         told = TerminalQuestions()
-        ended = resume_night(folder, who=who, progress=progress, terminal=told, speed=speed, remarks=remarks)
+        ended = resume_night(folder, who=who, onlookers=onlookers, terminal=told, speed=speed, remarks=remarks)
     return _end(ended)
 
 
@@ -142,8 +142,8 @@ def _start(
 ) -> NightOutcome:
     from hil.night import start_night
 
-    with _watching(out, bench, quiet=quiet, watchdog=watchdog) as progress:
-        return start_night(out, sweep, bench, progress=progress, terminal=TerminalQuestions(), **options)
+    with _watching(out, bench, quiet=quiet, watchdog=watchdog) as onlookers:
+        return start_night(out, sweep, bench, onlookers=onlookers, terminal=TerminalQuestions(), **options)
 
 
 def _end(ended: NightOutcome) -> int:
@@ -161,21 +161,17 @@ def _end(ended: NightOutcome) -> int:
 
 
 @contextmanager
-def _watching(folder: Path, bench: Bench, *, quiet: bool, watchdog: bool) -> Iterator[Progress]:
+def _watching(folder: Path, bench: Bench, *, quiet: bool, watchdog: bool) -> Iterator[list[Progress]]:
     from hil.config.ports import SIMULATED_SCHEME
 
     progress = onlooker(messages(), quiet=quiet, simulated=bench.simulated)
     beside = [WatchdogBeside(folder)] if watchdog and not bench.chamber.port.startswith(SIMULATED_SCHEME) else []
     try:
-        yield Audience([progress, *beside], lost=_passed_on)
+        yield [progress, *beside]
     finally:
         if isinstance(progress, TerminalProgress):
             with suppress(OSError):
                 progress.close()
-
-
-def _passed_on(error: Exception) -> None:
-    raise error  # the night records it, and shows nothing any more
 
 
 def status(folder: Path, as_json: bool = False, watch: bool = False, strict: bool = False) -> int:

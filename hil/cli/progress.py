@@ -4,8 +4,6 @@ Both go to standard error: standard output belongs to results. The panel shows t
 40 columns.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 from rich.console import Console, Group

@@ -1,7 +1,5 @@
 """`hil watchdog`: a second process that makes the chamber safe when the controller cannot."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from collections.abc import Iterator

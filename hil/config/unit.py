@@ -1,7 +1,5 @@
 """What is one unit's own on a bench: its label, its stream, how it lies, and the list of those that share a chamber."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from typing import Annotated, Any

@@ -18,7 +18,7 @@ import platform
 import shutil
 import sqlite3
 import threading
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from datetime import timedelta
@@ -53,7 +53,7 @@ from hil.records.witnesses import LOG_NAME, seal
 from hil.twin.motion import Resumed
 from procedures.attended import Attendant, Terminal
 from procedures.plan import StepKind
-from procedures.progress import Audience, Progress
+from procedures.progress import Progress
 from procedures.sequencer import Sequencer
 from procedures.settings import Polling
 from procedures.stop import StopRequest
@@ -89,7 +89,7 @@ def start_night(
     *,
     who: str | None = None,
     seed: int | None = None,
-    progress: Progress | None = None,
+    onlookers: Sequence[Progress] = (),
     stop: StopRequest | None = None,
     terminal: Terminal | None = None,
     speed: float | None = None,
@@ -131,14 +131,14 @@ def start_night(
             told = f"{who} began the night{f': {said.note}' if said.note else ''}"
             journal.event("night-begins", told, **evidence)
             said.record(journal, who)
-            return _carry_out(journal, live, attendant, who, progress, stop, opened)
+            return _carry_out(journal, live, attendant, who, onlookers, stop, opened)
 
 
 def resume_night(
     folder: Path | str,
     *,
     who: str | None = None,
-    progress: Progress | None = None,
+    onlookers: Sequence[Progress] = (),
     stop: StopRequest | None = None,
     terminal: Terminal | None = None,
     down_s: float = SIMULATED_DOWN_TIME_S,
@@ -188,7 +188,7 @@ def resume_night(
             journal.withdraw(keys, f"done again, because samples were damaged: {what}")
             message = f"self-calibration {number} is done again as a whole: {what}"
             journal.event("damage", message, self_calibration=number, withdrawn=sorted(keys))
-        return _carry_out(journal, live, attendant, who, progress, stop, opened)
+        return _carry_out(journal, live, attendant, who, onlookers, stop, opened)
 
 
 def _record_resumption(journal: SqliteJournal, who: str, night: Night, done: int, last_s: float, note: str) -> None:
@@ -207,7 +207,7 @@ def _carry_out(
     live: LiveBench,
     attendant: Attendant,
     who: str,
-    progress: Progress | None,
+    onlookers: Sequence[Progress],
     stop: StopRequest | None,
     opened: Callable[[LiveBench], None] | None,
 ) -> NightOutcome:
@@ -242,10 +242,7 @@ def _carry_out(
             began=journal.began_utc,
             interlocks=live.bench.interlocks,
             polling=polling,
-            progress=Audience(
-                [*([live.faults] if live.faults else []), *shown, *([progress] if progress else [])],
-                lost=lambda error: journal.event("onlooker-lost", f"progress is no longer shown: {error!r}"),
-            ),
+            onlookers=[*([live.faults] if live.faults else []), *shown, *onlookers],
             control=journal,
             vital=heartbeat.alive,
             disk_free_mb=lambda: shutil.disk_usage(journal.folder).free / 1e6,

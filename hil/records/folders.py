@@ -1,7 +1,5 @@
 """Which campaigns and nights folders hold, each read in its turn: a screen and a fleet file go through them once."""
 
-from __future__ import annotations
-
 import sqlite3
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path

@@ -58,7 +58,7 @@ def _began(bench, key):
         def step_began(self, step, attempt):
             times.setdefault(step.key, bench.clock.now())
 
-    assert bench.run(progress=Onlooker()).state is SweepState.COMPLETE
+    assert bench.run(onlookers=[Onlooker()]).state is SweepState.COMPLETE
     return times[key]
 
 

@@ -132,7 +132,7 @@ def test_the_look_at_the_air_is_bounded_and_shows_signs_of_life(bench) -> None:
     bench.sweep = replace(bench.sweep, temperatures_degC=(60.0,), final_degC=None)
     bench.chamber.lies = True
     bench.polling = replace(bench.polling, safe_air_s=300.0)
-    outcome = bench.run(vital=vital, progress=Onlooker())
+    outcome = bench.run(vital=vital, onlookers=[Onlooker()])
     assert (outcome.state, outcome.left.word) == (SweepState.ABORTED, Word.NOT_SAFE)
     assert bench.clock.now() < 1500.0 + 330.0
     assert len(shown) > 20

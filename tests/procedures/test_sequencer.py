@@ -161,7 +161,7 @@ def test_a_unit_that_leaves_its_position_during_a_collect_is_brought_back_and_co
             if snapshot.note == "sampling" and snapshot.step.key == "T1/S1/C1/collect" and snapshot.attempt == 1:
                 bench.table.where = "2"
 
-    outcome = bench.run(progress=Slips())
+    outcome = bench.run(onlookers=[Slips()])
     assert outcome.state is SweepState.COMPLETE
     assert bench.table.moves[:3] == ["1", "1", "2"]
     first = next(result for key, _, result in bench.record.ends if key == "T1/S1/C1/collect")

@@ -77,7 +77,7 @@ def test_a_second_interrupt_does_not_skip_the_safe_state(bench):
 
     bench.chamber.safe_fails = 3
     with bench.stop.on_signals():
-        outcome = bench.run(progress=Impatient())
+        outcome = bench.run(onlookers=[Impatient()])
     assert outcome.state is SweepState.ABORTED
     assert outcome.reason == "stopped by Ctrl-C, SIGINT"
     assert bench.chamber.safe
@@ -94,5 +94,5 @@ def test_a_stop_is_heard_within_one_read_interval(bench):
                 times.append(bench.clock.now())
                 bench.stop.request("a button")
 
-    bench.run(progress=Onlooker())
+    bench.run(onlookers=[Onlooker()])
     assert bench.clock.now() - times[0] <= bench.polling.read_interval_s

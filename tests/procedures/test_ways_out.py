@@ -28,7 +28,7 @@ def test_a_stop_request_at_any_time_ends_aborted_and_safe(bench, minute):
             if snapshot.elapsed_s >= 60.0 * minute:
                 bench.stop.request("stopped by SIGINT")
 
-    outcome = bench.run(progress=Onlooker())
+    outcome = bench.run(onlookers=[Onlooker()])
     assert (outcome.state, outcome.reason) == (SweepState.ABORTED, "stopped by SIGINT")
     assert [result.outcome for _, _, result in bench.record.ends].count(Outcome.ABORTED) == 1
     assert outcome.missing
@@ -100,7 +100,7 @@ def test_a_changed_setpoint_is_noticed(bench):
             if snapshot.step.key == "T1/S1/restabilise":
                 bench.chamber.setpoint_degC = 21.0
 
-    outcome = bench.run(progress=Knob())
+    outcome = bench.run(onlookers=[Knob()])
     assert outcome.state is SweepState.FAILED
     assert "setpoint-changed" in outcome.reason
     assert "20.0 °C was commanded" in outcome.reason
@@ -130,7 +130,7 @@ def test_an_interrupt_that_nobody_caught_still_reaches_the_safe_state(bench):
                 raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        bench.run(progress=Interrupted())
+        bench.run(onlookers=[Interrupted()])
     assert bench.chamber.safe
     assert bench.record.ends[-1][2].outcome is Outcome.ERROR
 
@@ -179,23 +179,31 @@ def test_somebody_who_watches_sees_that_the_safe_state_is_still_tried(bench):
 
     bench.chamber.safe_fails = 4
     bench.stop.request("stopped by SIGINT")
-    bench.run(progress=Onlooker())
+    bench.run(onlookers=[Onlooker()])
     seconds = [int(found[1]) for found in (re.search(r"trying again, (\d+) s left", line) for line in said) if found]
     assert len(seconds) == 4
     assert sorted(seconds, reverse=True) == seconds
     assert bench.record.kinds().count("safe-state-retry") <= 1
 
 
-def test_an_onlooker_that_fails_is_dropped_and_the_night_goes_on(bench):
-    """The terminal was closed."""
+def test_an_onlooker_that_fails_is_dropped_and_the_night_and_the_others_go_on(bench):
+    """The terminal was closed: that must not end what the page shows."""
 
     class Closed(Progress):
         def update(self, snapshot):
             raise OSError("the terminal is gone")
 
-    outcome = bench.run(progress=Closed())
+    class Counting(Progress):
+        seen = 0
+
+        def update(self, snapshot):
+            self.seen += 1
+
+    page = Counting()
+    outcome = bench.run(onlookers=[Closed(), page])
     assert outcome.state is SweepState.COMPLETE
     assert bench.record.kinds().count("onlooker-lost") == 1
+    assert page.seen > 10
 
 
 def test_onlookers_see_a_finishing_time_that_holds(bench):
@@ -207,7 +215,7 @@ def test_onlookers_see_a_finishing_time_that_holds(bench):
         def update(self, snapshot):
             seen.append(snapshot)
 
-    bench.run(progress=Onlooker())
+    bench.run(onlookers=[Onlooker()])
     middle = seen[len(seen) // 2]
     assert abs((middle.finishing_utc - bench.clock.utc()).total_seconds()) < 180.0
     sampling = [each for each in seen if each.note == "sampling"]

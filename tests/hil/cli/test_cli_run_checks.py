@@ -95,7 +95,7 @@ def test_resume_looks_first_too(hil: Any, one_run: Path, tmp_path: Path, monkeyp
     stop = StopRequest()
     onlooker = SimpleNamespace(**dict.fromkeys(ONLOOKER, lambda *_: None))
     onlooker.step_ended = lambda step, _: stop.request("enough") if step.position else None
-    outcome = start_night(night, load_sweep(one_run), load_bench("simulated"), stop=stop, progress=onlooker)
+    outcome = start_night(night, load_sweep(one_run), load_bench("simulated"), stop=stop, onlookers=[onlooker])
     assert outcome.state == "aborted"
     with monkeypatch.context() as patched:
         patched.setattr("hil.bench.preflight._BYTES_PER_SAMPLE", 1e15)

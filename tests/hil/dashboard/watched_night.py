@@ -55,7 +55,7 @@ def watched(folder: Path) -> Watched:
     onlooker = Onlooker(folder / "night", "T1/S2/restabilise")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("hil.records.live._EVERY_S", 0.0)  # this night lasts a second; its live file is to keep up
-        start_night(folder / "night", load_sweep(str(sweep)), load_bench("simulated"), who="rk", progress=onlooker)
+        start_night(folder / "night", load_sweep(str(sweep)), load_bench("simulated"), who="rk", onlookers=[onlooker])
     return folder / "night", onlooker.seen, onlooker.facts
 
 

@@ -71,7 +71,7 @@ def test_an_abort_over_a_chamber_that_does_not_obey_is_not_safe_until_it_does(tm
         def __getattr__(self, name: str):
             return lambda *_: stop.request("enough") if name == "step_ended" and "C1/collect" in str(_) else None
 
-    ended = started(tmp_path / "n", "not_carried_out", stop=stop, progress=Aborts())
+    ended = started(tmp_path / "n", "not_carried_out", stop=stop, onlookers=[Aborts()])
     assert (ended.state, ended.exit_status) == ("aborted", 5)
     assert ended.reason.startswith("enough; THE CHAMBER IS NOT SAFE: standby was acknowledged and is not carried out")
     assert resume_night(tmp_path / "n").exit_status == 0

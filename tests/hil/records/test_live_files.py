@@ -16,7 +16,7 @@ from drivers.frames.roles import SensorRole
 from hil.records.live import LIVE_NAME, TRACE_NAME, LiveFiles, TraceReader, read_live
 from hil.records.units import unit_folder
 from procedures.plan import Step, StepKind
-from procedures.progress import Audience, Progress, Snapshot
+from procedures.progress import Snapshot
 
 SENSORS = {2: SensorRole(rates={"RA": "s2_ra"}, temperature="s2_t")}
 STEP = Step(5, "T1/S1/C2/collect", StepKind.COLLECT, 0.0, 60.0, 23.4, 1, "2")
@@ -147,24 +147,3 @@ def test_no_trace_and_a_damaged_state_are_nothing_to_see(tmp_path) -> None:
     for text in ("{", "[]", '{"schema": "other"}'):
         (tmp_path / LIVE_NAME).write_text(text)
         assert read_live(tmp_path) is None
-
-
-def test_an_onlooker_that_fails_does_not_blind_the_others() -> None:
-    """A closed terminal must not end what the page shows."""
-
-    class Broken(Progress):
-        def update(self, snapshot: Snapshot) -> None:
-            raise BrokenPipeError("the terminal is gone")
-
-    class Counting(Progress):
-        seen = 0
-
-        def update(self, snapshot: Snapshot) -> None:
-            self.seen += 1
-
-    lost, counting = [], Counting()
-    audience = Audience([Broken(), counting], lost=lost.append)
-    audience.update(seen(1.0))
-    audience.update(seen(2.0))
-    assert counting.seen == 2
-    assert [str(error) for error in lost] == ["the terminal is gone"]

@@ -71,7 +71,7 @@ def run(folder: Path, *acts: Any, bench: str = "", sweep: Any = SHORT) -> tuple[
     chosen = load_bench("simulated")
     if bench:
         chosen = parse_bench(chosen.text.replace("positioner: indexing", bench), chosen.source)
-    outcome = start_night(folder, sweep, chosen, who="rk", progress=shell)
+    outcome = start_night(folder, sweep, chosen, who="rk", onlookers=[shell])
     assert shell.failed is None, shell.failed
     assert not shell.acts
     return outcome, shell

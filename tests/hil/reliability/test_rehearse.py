@@ -121,7 +121,7 @@ def test_a_fault_that_had_not_begun_explains_nothing(tmp_path: Path) -> None:
 def test_a_wrong_number_called_pass_is_found(tmp_path: Path) -> None:
     """The same night beside a truth that is ten standard errors away."""
     witness = Witness(tmp_path)
-    start_night(tmp_path / "night", sweep(), bench(), progress=witness, opened=witness.look_at)
+    start_night(tmp_path / "night", sweep(), bench(), onlookers=[witness], opened=witness.look_at)
     wrong, verdicts = wrong_records(tmp_path / "night", "complete")
     assert wrong == []
     assert verdicts["PASS"] == 2
