@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 from drivers.chambers import Chamber
 from drivers.clock import Clock
@@ -35,12 +36,10 @@ class BenchDevices:
         if not self.units:
             object.__setattr__(self, "units", {"": self})
 
-    def with_all(
-        self, chamber: Callable[[Chamber], Chamber], positioner: Callable[[Positioner], Positioner]
-    ) -> "BenchDevices":
-        """Return the devices with their chamber and what turns each unit replaced by what is made of them."""
-        one = chamber(self.chamber)
-        turned = {id(each.positioner): positioner(each.positioner) for each in self.units.values()}
+    def with_all(self, made: Callable[[Any], Any]) -> "BenchDevices":
+        """Return the devices with their chamber and what turns each unit replaced by what is `made` of them."""
+        one = made(self.chamber)
+        turned = {id(each.positioner): made(each.positioner) for each in self.units.values()}
         units = {
             name: replace(each, chamber=one, positioner=turned[id(each.positioner)], units={})
             for name, each in self.units.items()

@@ -67,13 +67,13 @@ def outcome_of(
 ) -> SweepOutcome:
     """Return what became of a run that ended for this `cause`; `failed` says by key why steps could not be done."""
     lacking = [step for step in plan.steps if step.key not in done]
-    missing = tuple(step.key for step in lacking)
+    missing, partly = tuple(step.key for step in lacking), False
     if cause is not None:
         state, reason = state_after(cause), why(cause)
     elif not left.safe:
         state, reason = SweepState.FAILED, left.reason
-    elif missing and {step.unit for step in lacking} <= aside.keys():
-        whole = f"{COMPLETE_FOR}{len(plan.units) - len(aside)} of {counted(len(plan.units), 'unit')}"
+    elif partly := bool(missing) and {step.unit for step in lacking} <= aside.keys():
+        whole = f"complete for {len(plan.units) - len(aside)} of {counted(len(plan.units), 'unit')}"
         so = "; ".join(f"{unit} ({why_so})" for unit, why_so in aside.items())
         state, reason = SweepState.INCOMPLETE, f"{whole}; set aside: {so}"
     elif missing:
@@ -83,8 +83,4 @@ def outcome_of(
     else:
         state, reason = SweepState.COMPLETE, "every step is done"
     fatal = cause if state in (SweepState.FAILED, SweepState.ERROR) else None
-    return SweepOutcome(state, reason, missing, reason.startswith(COMPLETE_FOR), left, fatal)
-
-
-COMPLETE_FOR = "complete for "
-"""How the reason begins where nothing is missing but of units that were set aside."""
+    return SweepOutcome(state, reason, missing, partly, left, fatal)

@@ -220,7 +220,8 @@ def _check_headers(stream: StreamDescription) -> None:
     if b"" in headers and stream.packets is None:
         raise ValueError("sync: a stream without a sync needs an id in every frame, or packets")
     for first, second in combinations(sorted(headers, key=len), 2):
-        if first.clashes(second) and (stream.packets is None or len(first) == len(second)):
+        alike = all(None in pair or pair[0] == pair[1] for pair in zip(first.told, second.told, strict=False))
+        if alike and (stream.packets is None or len(first) == len(second)):
             raise ValueError(
                 "frames: two frames have the same id, so that nothing tells them apart"
                 if len(first) == len(second)

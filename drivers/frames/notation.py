@@ -112,10 +112,6 @@ class Header(bytes):
     def __str__(self) -> str:
         return " ".join("xx" if byte is None else f"{byte:02X}" for byte in self.told)
 
-    def clashes(self, other: "Header") -> bool:
-        """Tell whether the same bytes may be both headers, or one and the beginning of the other."""
-        return all(None in pair or pair[0] == pair[1] for pair in zip(self.told, other.told, strict=False))
-
 
 def _parse_header(value: Any) -> Any:
     """Read `91`, or `xx xx 91` where any bytes may stand before the last."""

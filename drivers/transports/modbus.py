@@ -83,18 +83,14 @@ class ModbusExchange:
         """
         return asked(lambda: parse(self._read_once(address, count, table)))
 
-    def write(self, address: int, value: int) -> bool:
-        """Send one register (function 6) once; return whether it was acknowledged.
+    def write(self, address: int, *values: int, several: bool = False) -> bool:
+        """Send registers once (one by function 6 unless `several`, else 16); return whether they were acknowledged.
 
         False means that nobody knows whether it was carried out: read back. Negative values are two's complement.
         Raises `CommandRefused` for an exception reply, `TransportError` where unsent, `ValueError` beyond 16 bits.
         """
-        return self._write(WriteSingleRegisterRequest(address=address, registers=[_register(value)], dev_id=self.unit))
-
-    def write_several(self, address: int, values: Sequence[int]) -> bool:
-        """Send several registers (function 16) once; returns and raises (`CommandRefused`, `ValueError`) as `write`."""
-        registers = [_register(value) for value in values]
-        return self._write(WriteMultipleRegistersRequest(address=address, registers=registers, dev_id=self.unit))
+        kind = WriteMultipleRegistersRequest if several or len(values) > 1 else WriteSingleRegisterRequest
+        return self._write(kind(address=address, registers=list(map(_register, values)), dev_id=self.unit))
 
     def write_coil(self, address: int, *, on: bool) -> bool:
         """Switch one coil (function 5) once; returns and raises (`CommandRefused`) as `write`."""

@@ -29,13 +29,7 @@ class Timing:
 
 
 _POLL_S = 0.002  # between looks while a read waits
-_SHOWN = 60  # bytes of what arrived in a message
-
-
-def shown(data: bytes | bytearray) -> str:
-    """Return bytes as a message shows them: noise without end must not fill it."""
-    more = len(data) - _SHOWN
-    return repr(bytes(data)) if more <= 0 else f"{bytes(data[:_SHOWN])!r}, the first of {len(data)} bytes"
+_SHOWN = 60  # bytes of what arrived in a message: noise without end must not fill it
 
 
 class Transport(ABC):
@@ -81,9 +75,9 @@ class Transport(ABC):
         self._fill()
         while terminator not in self._arrived:
             if not self._fill_before(deadline_s):
-                raise DeviceTimeout(
-                    f"{self.name}: no {terminator!r} within {timeout_s:g} s; what arrived: {shown(self._arrived)}"
-                )
+                size, begin = len(self._arrived), bytes(self._arrived[:_SHOWN])
+                arrived = f"{begin!r}, the first of {size} bytes" if size > _SHOWN else repr(begin)
+                raise DeviceTimeout(f"{self.name}: no {terminator!r} within {timeout_s:g} s; what arrived: {arrived}")
         return self._take(self._arrived.index(terminator) + len(terminator))
 
     def _take(self, size: int) -> bytes:

@@ -236,7 +236,7 @@ def _carry_out(
         if live.faults is not None:
             journal.block_writer.disk = live.faults.disk
         watch = Watch(
-            live.devices.with_all(lambda one: logged(one, log.say), lambda one: logged(one, log.say)),
+            live.devices.with_all(lambda device: logged(device, log.say)),
             journal,
             stop,
             began=journal.began_utc,

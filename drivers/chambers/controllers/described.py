@@ -183,10 +183,7 @@ class RegisterMedium:
         self._write(address, self._map.registers(command, value))
 
     def _write(self, address: int, registers: tuple[int, ...]) -> None:
-        if len(registers) == 1 and self._map.writes == "single":
-            self._exchange.write(address, registers[0])
-        else:
-            self._exchange.write_several(address, registers)
+        self._exchange.write(address, *registers, several=self._map.writes == "several")
 
     def _known_decimals(self, registers: list[int]) -> int:
         if not 0 <= registers[0] <= 3:

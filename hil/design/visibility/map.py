@@ -117,7 +117,13 @@ def visibility(
     Parameters that were taken `as_zero` are none of the model's: what acts through them in any run shows in none.
     """
     noise = noise or NoiseLevel()
-    fitted = named_form(default_model_name(conditions), conditions) if model is None else fitted_form(model, conditions)
+    fitted = full = default_form(conditions)
+    degC = conditions.columns.get("temperature_degC", np.full(1, np.nan))
+    if model is not None:
+        fitted = fitted_form(model, conditions)
+    elif full.name == "matrix-6" and np.ptp(degC) > _VARIES_DEGC:
+        thermal = named_form("matrix-6-thermal", conditions)
+        fitted = full if law_not_told(thermal, conditions) else thermal
     base = base_values(conditions, model)
     asked, reasons = askable(conditions, base)
     if sigma is None:
@@ -126,7 +132,7 @@ def visibility(
     scattering = [(of(conditions), size) for of, size in of_rotor if size > 0.0 and conditions.sensor.is_rotor]
     whiten = whitener(conditions, sigma, np.full(sigma.shape[1], noise.run_bias_deg_per_hr), scattering)
     told = fitted.without(as_zero)
-    full = default_form(conditions)  # what is as zero may be anything in each run
+    # What is as zero may be anything in each run.
     own = full.columns(conditions)[..., [full.names.index(name) for name in full.names if name in as_zero]]
     of_run = conditions.run[:, None] == np.unique(conditions.run)
     in_each_run = np.einsum("ncp,nr->ncpr", own, of_run).reshape(*own.shape[:2], -1)
@@ -188,14 +194,6 @@ def _unasked(
     of_each = [{of.effect.id: of.remedy for of in of_its_history(named(effect), conditions, each)} for each in shapes]
     shared = set[str].intersection(*map(set, of_each)) - set(but)
     return {name: remedy for name, remedy in of_each[0].items() if name in shared}
-
-
-def default_model_name(conditions: Conditions) -> str:
-    """Return `matrix-6-thermal` for a rotor sensor whose temperature tells how values follow it, else the default."""
-    temperature, name = conditions.columns.get("temperature_degC", np.full(1, np.nan)), default_form(conditions).name
-    varies = np.ptp(temperature) > _VARIES_DEGC  # never where it is not known
-    told = name == "matrix-6" and varies and not law_not_told(named_form("matrix-6-thermal", conditions), conditions)
-    return "matrix-6-thermal" if told else name
 
 
 def base_values(conditions: Conditions, model: Model | None) -> Base:

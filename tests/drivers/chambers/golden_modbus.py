@@ -254,7 +254,7 @@ _FRAMES: dict[Key, tuple[str, str, Build, Act | str]] = {
         "011015810002040000c1f09947",
         "01101581000215ec",
         _bank({0x1581: 0, 0x1582: 0}),
-        _exchange(lambda exchange: exchange.write_several(0x1581, encoded(-30.0, "float32"))),
+        _exchange(lambda exchange: exchange.write(0x1581, *encoded(-30.0, "float32"))),
     ),
 }
 MODBUS: dict[Key, Vector] = {

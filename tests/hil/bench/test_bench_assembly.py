@@ -45,7 +45,7 @@ def test_the_simulated_bench_answers_through_the_production_drivers() -> None:
         assert set(devices.imu.sensors) == {1, 2}
         devices.positioner.move_to("2", timeout_s=60.0)
         assert devices.positioner.position() == "2"
-        assert live.simulated
+        assert live.bench.simulated
 
 
 @pytest.mark.slow
