@@ -134,7 +134,8 @@ def told_of(case: Case, folder: Path, seed: int = 1) -> Told:
             start_night(before, sweep_of(case), load_bench("simulated"), seed=seed)
             against = Comparison(campaign, campaign_of_night(before))
         content = gather(campaign, None, against)
-        exported = read_campaign(export_campaign(folder, folder.with_name("exported")).folder)
+        export_campaign(folder, folder.with_name("exported"))
+        exported = read_campaign(folder.with_name("exported"))
     except InputError as error:
         return Told("nothing", "\n".join([*said, str(error)]))
     found = [each for sensor in content.sensors for each in sensor.solutions]

@@ -93,10 +93,6 @@ class IndexSettings:
     move_s: float = 10.0
 
 
-DEFAULT_INDEX = IndexSettings(positions={"1": 1, "2": 2, "3": 3, "4": 4}, first="1")
-DEFAULT_IDENTITY = ImuIdentity(model="MFS", serial="SIM-0001", firmware="simulated")
-
-
 @dataclass(eq=False)
 class SimulatedImu:
     """A `SimulatedDevice` that streams from `starts_s` on; `seed` is the faults'. `ValueError` without roles."""
@@ -104,8 +100,8 @@ class SimulatedImu:
     description: StreamDescription
     physics: UnitPhysics
     _: KW_ONLY
-    identity: ImuIdentity = DEFAULT_IDENTITY
-    index: IndexSettings = DEFAULT_INDEX
+    identity: ImuIdentity = ImuIdentity("MFS", "SIM-0001", "simulated")  # noqa: RUF009 - frozen
+    index: IndexSettings = IndexSettings({"1": 1, "2": 2, "3": 3, "4": 4}, first="1")
     faults: Sequence[FaultWindow] = ()
     starts_s: float = 0.0
     seed: int = 0

@@ -191,10 +191,10 @@ def export(folder: Path, out: Path, form: Format | None = None, fleet: bool = Fa
             messages().print(f"warning: {place}: {why}")
         results().print(f"fleet: {out}")
         return
-    written = export_documents(folder, out) if form == "documents" else export_campaign(folder, out, form)
-    for note in written.notes:
+    rows, notes = (export_documents(folder, out), ()) if form == "documents" else export_campaign(folder, out, form)
+    for note in notes:
         messages().print(f"note: {note}")
-    results().print(f"{form or 'campaign'}: {out}, {counted(written.rows, 'row')}")
+    results().print(f"{form or 'campaign'}: {out}, {counted(rows, 'row')}")
 
 
 def replay(folder: Path) -> Answer:

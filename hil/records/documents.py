@@ -18,7 +18,7 @@ from hil.campaign.writer import columns_of
 from hil.errors import InputError
 from hil.files.document import plain
 from hil.files.durable import check_new, write_result
-from hil.records.export import Export, campaign_of_night
+from hil.records.export import campaign_of_night
 from hil.records.reader import JournalReader, is_night, reading
 from hil.records.status import in_brief, missing_in_words
 from hil.records.units import unit_folder
@@ -28,8 +28,8 @@ _Rows = Sequence[tuple[float, Mapping[str, Any]]]
 _DTYPES = {bool: "boolean", int: "integer", float: "number", str: "string"}
 
 
-def export_documents(folder: Path | str, out: Path | str) -> Export:
-    """Write the documents of a night as a new file `out`, whole or not at all.
+def export_documents(folder: Path | str, out: Path | str) -> int:
+    """Write the documents of a night as a new file `out`, whole or not at all; return how many there are.
 
     Raises `InputError` where the folder is no night, no collect was completed, or `out` exists or cannot be written;
     `Damaged` where the journal or samples are not what was written.
@@ -41,7 +41,7 @@ def export_documents(folder: Path | str, out: Path | str) -> Export:
     with reading(folder) as journal:
         lines = [json.dumps(each, allow_nan=False) + "\n" for each in documents_of(journal)]
     write_result(target, "".join(lines))
-    return Export(target, len(lines), ())
+    return len(lines)
 
 
 def documents_of(journal: JournalReader) -> Iterator[Document]:

@@ -51,15 +51,6 @@ _NAMED = 4  # folders inside one that is none of these
 
 
 @dataclass(frozen=True)
-class Export:
-    """What was written: the folder, the number of rows, and in words what a reader of the campaign must know."""
-
-    folder: Path
-    rows: int
-    notes: tuple[str, ...]
-
-
-@dataclass(frozen=True)
 class _Row:
     """One row of collects.csv: a collect of the night seen by one sensor, what was recorded of it, and its samples."""
 
@@ -78,9 +69,10 @@ class _Row:
         return self.data["sensors"][str(self.sensor)]
 
 
-def export_campaign(folder: Path | str, out: Path | str, form: Format | None = None) -> Export:
+def export_campaign(folder: Path | str, out: Path | str, form: Format | None = None) -> tuple[int, Sequence[str]]:
     """Write the collects of a night as a new campaign folder `out`, or as one file of another format.
 
+    Returns the number of rows, and in words what a reader of the campaign must know.
     Of several units each has its own within `out`, by its serial number, or the one named by its folder. A campaign
     folder is written as a file only, whole or not at all. Raises `InputError` where the folder is neither, no collect
     was completed, or `out` exists; `Damaged` where the journal or samples are not what was written.
@@ -88,7 +80,7 @@ def export_campaign(folder: Path | str, out: Path | str, form: Format | None = N
     folder, target = Path(folder), Path(out)
     if form is not None and not is_night(folder):
         write_file(campaign := open_source(folder), target, form)
-        return Export(target, sum(map(len, campaign.sensors.values())), ())
+        return sum(map(len, campaign.sensors.values())), ()
     night, named = place_of(folder)
     with reading(folder) as journal:
         units = journal.plan.units
@@ -116,7 +108,7 @@ def export_campaign(folder: Path | str, out: Path | str, form: Format | None = N
             notes += [f"{mark}{note}" for note in said]
         if not rows:
             raise InputError(notes[0])
-    return Export(target, rows, tuple(notes))
+    return rows, notes
 
 
 def campaign_of_night(folder: Path | str) -> Campaign:

@@ -161,7 +161,7 @@ def test_a_unit_of_which_nothing_is_usable_has_no_table_of_findings(
 @pytest.mark.slow
 def test_a_night_takes_the_place_of_its_export(night: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Whichever comes first, the night is there in the end, once, with what only a night has."""
-    export = export_campaign(night, tmp_path / "export").folder
+    export_campaign(night, export := tmp_path / "export")
     for number, sources in enumerate(([export, night], [night, export])):
         folder = tmp_path / f"{number}"
         assert [hil(["archive", str(folder), str(each)]) for each in sources] == [0, 0]

@@ -145,9 +145,9 @@ def test_a_full_disk_ends_a_night_safely_and_it_can_be_carried_on(
     assert "No space left" in outcome.reason
     assert "NOT SAFE" not in outcome.reason
     assert [problem for problem in verify_night(folder)["problems"] if "missing: " not in problem] == []
-    export = export_campaign(folder, tmp_path / "campaign")  # a partial night exports what it has, and says so
-    assert export.rows == 2
-    assert any("not complete; missing: self-calibration 1" in note for note in export.notes)
+    rows, notes = export_campaign(folder, tmp_path / "campaign")  # a partial night exports what it has, and says so
+    assert rows == 2
+    assert any("not complete; missing: self-calibration 1" in note for note in notes)
     assert read_campaign(tmp_path / "campaign").missing[0].startswith("self-calibration 1")
     assert resume_night(folder).state == "complete"
     assert verify_night(folder)["problems"] == []
@@ -233,12 +233,12 @@ def test_resuming_a_complete_night_changes_nothing(finished: Path) -> None:
 
 def test_an_exported_night_reads_back_as_it_was_recorded(finished: Path, tmp_path: Path) -> None:
     """Rows, numbers, series: what `hil solve` reads is what the journal holds."""
-    export = export_campaign(finished, tmp_path / "campaign")
+    rows, _ = export_campaign(finished, tmp_path / "campaign")
     campaign = read_campaign(tmp_path / "campaign")
     assert campaign.simulated
     assert list(campaign.warnings) == []
     assert campaign.notes.startswith("SIMULATED: these are no measurements.")
-    assert export.rows == 8
+    assert rows == 8
     numbers = sorted(int(n) for rows in campaign.sensors.values() for n in rows.conditions.collect)
     assert numbers == list(range(1, 9))
     bench = load_bench("simulated")
@@ -334,7 +334,7 @@ def test_an_export_never_overwrites(finished: Path, tmp_path: Path) -> None:
         export_campaign(finished, tmp_path / "full")
     assert [path.name for path in (tmp_path / "full").iterdir()] == ["x"]
     (tmp_path / "empty").mkdir()
-    assert export_campaign(finished, tmp_path / "empty").rows == 8
+    assert export_campaign(finished, tmp_path / "empty")[0] == 8
 
 
 def test_an_export_of_damaged_samples_leaves_no_half_made_folder(finished: Path, tmp_path: Path) -> None:
