@@ -83,7 +83,7 @@ class PacedClock(VirtualClock):
 
     def __init__(self, speed: float, start: datetime = SIMULATED_EPOCH, real: Clock | None = None) -> None:
         if not speed > 0.0:
-            raise ValueError(f"speed must be positive, not {speed}")
+            raise ValueError(f"speed must be positive, not {speed:g}")
         super().__init__(start)
         self.speed = speed
         self._real = real or SystemClock()

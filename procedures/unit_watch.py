@@ -7,7 +7,6 @@ import numpy as np
 
 from drivers.errors import DeviceError, WrongDevice
 from drivers.frames.counts import StreamCounts
-from drivers.frames.roles import SensorRole
 from drivers.imu import ImuIdentity, SampleBlock
 from drivers.imu.samples import rate_fields
 from procedures.devices import BenchDevices
@@ -31,10 +30,10 @@ class UnitWatch:
 
     def __post_init__(self) -> None:
         self.imu, self._clock = self.devices.imu, self.devices.clock
-        self.unchanged = Unchanged(self.imu.sensors)
         self.rate_fields = rate_fields(self.imu.sensors)
         self.temperature_fields = {n: each.temperature for n, each in self.imu.sensors.items() if each.temperature}
         self._last_frame_s = self._clock.now()
+        self._stands: dict[str, tuple[float, float]] = {}  # by label of a rate: the value, and since when
 
     def forget(self) -> None:
         """Throw away what it sent so far."""
@@ -72,6 +71,20 @@ class UnitWatch:
             self._last_frame_s = now_s
         return block, span_s, error
 
+    def unchanged_s(self, block: SampleBlock, time_s: float) -> Mapping[str, float]:
+        """Take in what was drained at `time_s`; return for how long each rate of it shows the very same value, s."""
+        lasting: dict[str, float] = {}
+        for label, name in self.rate_fields.items():
+            values = block.fields.get(name)
+            if values is None or not len(values):
+                continue
+            value, since_s = self._stands.get(label, (float(values[0]), time_s))
+            if values[-1] != value or np.any(values != value):  # nearly always the newest tells
+                value, since_s = float(values[-1]), time_s
+            self._stands[label] = (value, since_s)
+            lasting[label] = time_s - since_s
+        return lasting
+
     def _who_is_back(self) -> str:
         whose = of_unit(self.name)
         try:
@@ -87,25 +100,3 @@ class UnitWatch:
 def labelled(unit: str, name: object) -> str:
     """Return the name of something of a unit among those of other units: 0042.2, or 2 where none is listed."""
     return f"{unit}.{name}" if unit else str(name)
-
-
-class Unchanged:
-    """The rates of one unit, block by block: one that shows the very same value for long is not being measured."""
-
-    def __init__(self, sensors: Mapping[int, SensorRole]) -> None:
-        self._fields = rate_fields(sensors)
-        self._last: dict[str, tuple[float, float]] = {}  # by label: the value, and since when it stands
-
-    def lasting_s(self, block: SampleBlock, time_s: float) -> Mapping[str, float]:
-        """Take in what was drained at `time_s`; return for how long each rate of it has not changed."""
-        lasting: dict[str, float] = {}
-        for label, name in self._fields.items():
-            values = block.fields.get(name)
-            if values is None or not len(values):
-                continue
-            value, since_s = self._last.get(label, (float(values[0]), time_s))
-            if values[-1] != value or np.any(values != value):  # nearly always the newest tells
-                value, since_s = float(values[-1]), time_s
-            self._last[label] = (value, since_s)
-            lasting[label] = time_s - since_s
-        return lasting

@@ -229,7 +229,7 @@ class Watch:
                 unit_degC={n: mean for n, mean, _ in means(block, self.units[name].temperature_fields)},
                 commanded_degC=self.commanded_degC,
                 arrived=self.arrived,
-                frozen_s=self.units[name].unchanged.lasting_s(block, self._drained_s),
+                frozen_s=self.units[name].unchanged_s(block, self._drained_s),
                 disk_free_mb=disk_free_mb,
                 resting=self.resting,
             )

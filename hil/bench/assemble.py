@@ -224,9 +224,8 @@ def clock_of(bench: Bench, start_utc: datetime | None = None, speed: float | Non
         return SystemClock() if bench.clock == "system" else VirtualClock(start_utc)
     if bench.clock == "system":
         raise InputError(f"{bench.source or bench.name}: clock: a speed needs clock: virtual, with simulated devices")
-    if not speed > 0.0:
-        raise InputError(f"the speed must be positive, not {speed:g}")
-    return PacedClock(speed, start_utc)
+    with worded(InputError, "the "):
+        return PacedClock(speed, start_utc)
 
 
 def _chamber(ports: _Ports, *, night: bool) -> Chamber:

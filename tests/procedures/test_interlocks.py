@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from drivers.chambers import ChamberLimits, ChamberReading
+from drivers.clock import VirtualClock
 from drivers.frames.counts import StreamCounts
 from drivers.frames.roles import SensorRole
 from drivers.imu import SampleBlock
 from procedures.interlocks import Interlocks, InterlockTripped, Look, standard_interlocks
 from procedures.settings import InterlockSettings
-from procedures.unit_watch import Unchanged
+from procedures.unit_watch import UnitWatch
 
 READING = ChamberReading(20.0, 20.0, 80.0, -50.0, "CONSTANT")
 GOOD = Look(
@@ -161,12 +164,13 @@ def test_in_a_pause_the_stream_may_be_unplugged_and_the_chamber_may_not():
 def test_a_rate_that_never_changes_is_timed_and_noise_is_not():
     """Across drains; a change anywhere begins it anew."""
     sensors = {2: SensorRole(rates={"RA": "rate_A2", "RB": "rate_B2"})}
-    unchanged = Unchanged(sensors)
+    devices: Any = SimpleNamespace(imu=SimpleNamespace(sensors=sensors), clock=VirtualClock())
+    watch = UnitWatch("", devices, lambda *_: None, lambda: None)
 
     def block(b_deg_per_hr):
         return SampleBlock(np.zeros(3), {"rate_A2": np.array([1.0, 2.0, 1.5]), "rate_B2": np.full(3, b_deg_per_hr)})
 
-    seen = [dict(unchanged.lasting_s(block(b), t)) for t, b in ((0.0, 4.0), (10.0, 4.0), (35.0, 4.0), (40.0, 5.0))]
+    seen = [dict(watch.unchanged_s(block(b), t)) for t, b in ((0.0, 4.0), (10.0, 4.0), (35.0, 4.0), (40.0, 5.0))]
     assert [each["2.RB"] for each in seen] == [0.0, 10.0, 35.0, 0.0]
     assert [each["2.RA"] for each in seen] == [0.0] * 4
 
