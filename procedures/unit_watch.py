@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from drivers.errors import DeviceError, WrongDevice
+from drivers.errors import DeviceError, WrongDevice, worded
 from drivers.frames.counts import StreamCounts
 from drivers.imu import ImuIdentity, SampleBlock
 from drivers.imu.samples import rate_fields
@@ -44,10 +44,8 @@ class UnitWatch:
         """Ask the unit who it is; raise `WrongDevice` where it is not the one with which the night began."""
         self.alive()
         imu, began = self.imu, self.identity
-        try:
+        with worded(WrongDevice, "", WrongDevice, f"; the night began with {began}" if began else ""):
             self.identity = found = imu.identify()
-        except WrongDevice as error:
-            raise WrongDevice(f"{error}; the night began with {began}" if began else str(error)) from error
         if began not in (None, found):
             self.identity = began
             raise WrongDevice(f"the unit behind {imu.port} is now {found}, the night began with {began}")

@@ -27,7 +27,7 @@ from pymodbus.pdu.register_message import (
 )
 
 from drivers.clock import Clock
-from drivers.errors import CommandRefused, DeviceTimeout, ProtocolError, TransportError
+from drivers.errors import CommandRefused, DeviceTimeout, ProtocolError, TransportError, worded
 from drivers.transports.transport import Reply, Timing, Transport, asked
 
 Framing = Literal["rtu", "tcp"]
@@ -170,10 +170,9 @@ class ModbusExchange:
                 raise ProtocolError(f"{self.device} sent noise; check baud rate, parity and the cable")
             if self.framing == "rtu" and isinstance(request, tuple(_READS.values())) and arrived.startswith(frame):
                 arrived = arrived[len(frame) :]  # a two-wire adapter hears itself
-            try:
+            begin, unread = f"{self.device} answered {what} with {arrived.hex(' ')}: ", (struct.error, IndexError)
+            with worded(ProtocolError, begin, (ModbusException, ValueError, *unread)):
                 arrived, reply = self._decode(arrived)
-            except (ModbusException, struct.error, IndexError, ValueError) as error:
-                raise ProtocolError(f"{self.device} answered {what} with {arrived.hex(' ')}: {error}") from error
             # Another unit's, or an earlier transaction's, is passed over.
             ours = self.unit, request.function_code, request.transaction_id
             if reply is not None and (reply.dev_id, reply.function_code & 0x7F, reply.transaction_id) == ours:

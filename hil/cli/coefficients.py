@@ -11,7 +11,7 @@ from hil.cli.answer import Answer
 from hil.cli.data import read_source
 from hil.cli.exit_status import Exit
 from hil.cli.output import check_result_folder, warn
-from hil.errors import InputError
+from hil.errors import InputError, worded
 from hil.files.durable import check_file, check_new
 from hil.files.figure import PLOT, save_figure
 from hil.files.units import DIFFERENCE, FREQUENCY, RATE, TIME, Kind, to_number
@@ -23,10 +23,8 @@ if TYPE_CHECKING:
 
 def quantity(option: str, text: str, kind: Kind) -> float:
     """Return what an option says, in the unit of its kind; raise `InputError` where it is none."""
-    try:
+    with worded(InputError, f"{option}: "):
         return to_number(text, kind)
-    except ValueError as error:
-        raise InputError(f"{option}: {error}") from None
 
 
 def sample_rate_hz(text: str | None) -> float | None:

@@ -7,7 +7,7 @@ impossible (an attempt is one row; a step is DONE at most once); the ledger make
 import sqlite3
 from pathlib import Path
 
-from hil.errors import Damaged, InputError
+from hil.errors import Damaged, InputError, worded
 from hil.records.ledger import HEAD_NAME
 
 APPLICATION_ID = 0x68696C31  # "hil1": what the `file` program and `open_checked` recognise a journal by
@@ -29,11 +29,9 @@ COMMIT;
 
 def check(connection: sqlite3.Connection, path: Path) -> None:
     """Raise `InputError` where this is no journal, or a later one's; `Damaged` where it was one, or has no chain."""
-    try:
+    with worded(Damaged, f"{path}: is not a journal, or is damaged (", UNREADABLE, ")"):
         application = connection.execute("PRAGMA application_id").fetchone()[0]
         version = connection.execute("PRAGMA user_version").fetchone()[0]
-    except UNREADABLE as error:
-        raise Damaged(f"{path}: is not a journal, or is damaged ({error})") from None
     if application != APPLICATION_ID:
         what = f"{path}: is a database, but not a journal of hil"
         if path.with_name(HEAD_NAME).exists():

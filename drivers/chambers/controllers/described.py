@@ -24,7 +24,7 @@ from drivers.chambers.controllers.description import BoxDescription
 from drivers.chambers.controllers.questions import Command, Identity, Messages, ModbusSection, Quantity, Question
 from drivers.chambers.controllers.templates import PLACE, agrees, filled, found_in
 from drivers.clock import Clock
-from drivers.errors import CommandRefused, DeviceTimeout, ProtocolError, WrongDevice
+from drivers.errors import CommandRefused, DeviceTimeout, ProtocolError, WrongDevice, worded
 from drivers.transports import Transport
 from drivers.transports.lines import LineExchange
 from drivers.transports.modbus import ModbusExchange, Table
@@ -54,10 +54,8 @@ class TextMedium:
     def fetch(self, text: str, accept: Callable[[str], Answers]) -> Answers:
         """Send a text until its reply is accepted, a bounded number of times; raise `DeviceTimeout` with its hint."""
         length, hint = self._about.get(text, (None, ""))
-        try:
+        with worded(DeviceTimeout, "", DeviceTimeout, f"; {hint}" if hint else ""):
             return self._exchange.query(self._box.addressed + text, accept, length)
-        except DeviceTimeout as error:
-            raise DeviceTimeout(f"{error}; {hint}" if hint else str(error)) from error
 
     def begin(self, *, anew: bool = False) -> None:
         """Ask what must be known before anything else can be understood: nothing."""
@@ -225,10 +223,8 @@ class SetpointBox(Controller):
                 raise
             about = self._ask(others)
             model = self._model(about[id(identity.instead)])
-        try:
+        with worded(WrongDevice, "", ProtocolError):
             self._ask(identity.requires)
-        except ProtocolError as error:
-            raise WrongDevice(str(error)) from error
         self._medium.begin(anew=True)
         if not identity.asks:
             return ControllerIdentity(model, self.state().unit)  # who cannot be asked must look like it
@@ -307,14 +303,12 @@ class SetpointBox(Controller):
         wanted_s = timer.step * math.ceil(seconds / timer.step - 1e-9)
         self._medium.set(timer, wanted_s, self._known)
         self._do(timer.then)
-        try:
+        with worded(ProtocolError, f"{self.device} did not take its timer, look at its panel: ", ProtocolError):
             left_s = self._one(timer)
             if not wanted_s - 1.01 * timer.step <= left_s <= wanted_s + 0.51 * timer.step:
                 raise ProtocolError(f"it reads back {left_s:g} s where {wanted_s:g} s were set")
             if timer.running is not None and timer.number not in self._one(timer.running):
                 raise ProtocolError("it is not on")
-        except ProtocolError as error:
-            raise ProtocolError(f"{self.device} did not take its timer, look at its panel: {error}") from error
         return True
 
     def _set(self, quantity: Quantity, value: float) -> None:
@@ -363,7 +357,5 @@ class SetpointBox(Controller):
         return found
 
     def _meanings(self, questions: Sequence[Question], fetched: Any) -> dict[int, Any]:
-        try:
+        with worded(ProtocolError, f"{self.device} "):
             return {id(each): each.meaning(self._medium.word(each, fetched)) for each in questions}
-        except ValueError as error:
-            raise ProtocolError(f"{self.device} {error}") from None

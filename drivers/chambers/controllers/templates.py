@@ -20,6 +20,8 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator
 
+from drivers.errors import worded
+
 PLACE = re.compile(r"\{((?:value|setpoint)(?::[^{}]*)?|any(?::\d+)?|field|mode|code|decimal|hex)\}")
 _ADDRESS = re.compile(r"\{((?:address|group|unit)(?::[^{}]*)?)\}")
 _NUMBER = r"\s*(?P<{}>[-+]?\d+(?:\.\d*)?)\s*"
@@ -122,11 +124,9 @@ def _order(template: str) -> str:
     if len(names) != 1 or not names[0].startswith("value"):
         raise ValueError(f"{template!r} must hold {{value}} once, as in 'SETP {{value:.1f}}'")
     for probe in () if names[0] == _TIME else _PROBES:
-        try:
+        with worded(ValueError, f"{template!r} cannot write {probe}: ", (ValueError, TypeError)):
             written = f"{{{names[0]}}}".format(value=probe)
             wrong = abs(float(written) - probe) > 0.051
-        except (ValueError, TypeError) as error:
-            raise ValueError(f"{template!r} cannot write {probe}: {error}") from None
         if wrong:
             raise ValueError(f"{template!r} writes {written!r} for {probe}; it must keep at least one decimal")
     return template

@@ -26,7 +26,7 @@ from hil.design.budget.budget import analytic_share, response
 from hil.design.budget.sources import Scene, sources
 from hil.design.sequence.sequences import Worth, palindromes, scene_of, sequence_worth, sequences
 from hil.design.sequence.unit_scatter import UnitScatter
-from hil.errors import InputError
+from hil.errors import InputError, worded
 from hil.files.strict import config_folders
 from hil.files.units import RATE, to_number
 from hil.model import load_model
@@ -106,10 +106,8 @@ def parse_target(text: str) -> tuple[str, float]:
     """Read a target such as "MU 0.5 deg/hr" or "GSA 0.3 deg/hr/g"; raise `InputError` where it is none."""
     name, _, quantity = text.strip().partition(" ")
     wrong = f"{text!r} is no target; write a parameter and"
-    try:
+    with worded(InputError, f"{wrong} its uncertainty, 'MU 0.5 deg/hr' (", end=")"):
         value = to_number(re.sub(r"/\s*g\s*$", "", quantity), RATE)
-    except ValueError as error:
-        raise InputError(f"{wrong} its uncertainty, 'MU 0.5 deg/hr' ({error})") from error
     if not name or not _LEAST_TARGET <= value < np.inf:
         raise InputError(f"{wrong} an uncertainty of {_LEAST_TARGET:g} deg/hr or more, 'MU 0.5 deg/hr'")
     return name, value

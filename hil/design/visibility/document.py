@@ -7,7 +7,7 @@ campaign_document(campaign, model)
 """
 
 import math
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -47,6 +47,8 @@ _BEYOND = 10  # so many times the largest typical size nobody has seen: what nee
 
 _WORTH = 0.95  # of the size at which effects are seen without a change
 
+Mapped = Callable[[Mapping[int, Conditions], Mapping[int, FloatArray]], dict[int, Sights]]
+
 
 def visibility_document(
     sensors: Mapping[int, Conditions],
@@ -64,7 +66,12 @@ def visibility_document(
     in one sensor at least (each has its own MU); `sensors` has the map of each. Parameters that were taken `as_zero`
     show nothing, and nothing acts on them. Each of the `changes` takes further maps: without any there are none.
     """
-    maps = _maps(sensors, model, noise or {}, sigmas or {}, as_zero)
+
+    def mapped(sensors: Mapping[int, Conditions], sigma: Mapping[int, FloatArray]) -> dict[int, Sights]:
+        each = ((n, rows, (noise or {}).get(n), sigma.get(n)) for n, rows in sorted(sensors.items()))
+        return {n: visibility(rows, model, level, of, len(sensors), as_zero) for n, rows, level, of in each}
+
+    maps = mapped(sensors, sigmas or {})
     alike: dict[str, set[str]] = {}
     for sights in maps.values():
         for sight in sights.effects:
@@ -95,20 +102,7 @@ def visibility_document(
         ),
         "runs": (runs := max(len(np.unique(rows.run)) for rows in sensors.values())),
         "changes_weighed_on_runs": min(MOST_RUNS, runs),
-        "changes": improvements(sensors, model, noise, as_zero, changes, None if sigmas else maps),
-    }
-
-
-def _maps(
-    sensors: Mapping[int, Conditions],
-    model: Model | None,
-    noise: Mapping[int, NoiseLevel],
-    sigmas: Mapping[int, FloatArray],
-    as_zero: Sequence[str],
-) -> dict[int, Sights]:
-    return {
-        n: visibility(rows, model, noise.get(n), sigma=sigmas.get(n), sensors=len(sensors), as_zero=as_zero)
-        for n, rows in sorted(sensors.items())
+        "changes": _improvements(sensors, mapped, changes, None if sigmas else maps),
     }
 
 
@@ -258,37 +252,30 @@ def _level(beyond: Mapping[str, float]) -> NoiseLevel:
     return NoiseLevel(run_bias_deg_per_hr=bias, run_mu_deg_per_hr_per_g=mu, run_gs_deg_per_hr_per_g=gs)
 
 
-def improvements(
-    sensors: Mapping[int, Conditions],
-    model: Model | None = None,
-    noise: Mapping[int, NoiseLevel] | None = None,
-    as_zero: Sequence[str] = (),
-    changes: Sequence[Change] = CHANGES,
-    maps: Mapping[int, Sights] | None = None,
+def _improvements(
+    sensors: Mapping[int, Conditions], mapped: Mapped, changes: Sequence[Change], known: Mapping[int, Sights] | None
 ) -> list[dict[str, Any]]:
     """Return what each change to the sweep would bring to its sensors, the most helpful first.
 
     In sight is what was not, as the map of the changed collects has it; apart, what any sensor could not tell apart;
     protected are effects with the base parameters that they leak into no more; `size_ratio` is the median of the
-    smallest visible sizes, after by before.
-
-    Before and after are weighed with the same `noise`: further rows have no standard errors. `maps` are those before,
-    where they are known already.
+    smallest visible sizes, after by before. Both are `mapped` alike: further rows have no standard errors. `known` is
+    the map before, where it is known already.
     """
     if not changes:
         return []
-    some, known = dict(sensors), maps
+    some = dict(sensors)
     for n, rows in sensors.items():
         if len(runs := np.unique(rows.run)) > MOST_RUNS:
             chosen = runs[np.linspace(0, len(runs) - 1, MOST_RUNS).round().astype(np.int64)]
             some[n], known = rows.rows(np.isin(rows.run, chosen)), None
-    before = known or _maps(some, model, noise or {}, {}, as_zero)
+    before = known or mapped(some, {})
     hidden = {name for name, (_, sight) in _best(before).items() if not sight.visible}
     found = []
     for change in changes:
         changed = {n: new for n, rows in some.items() if (new := change.apply(rows)) is not None}
         if changed:
-            found.append(_improvement(change, before, _maps(changed, model, noise or {}, {}, as_zero)))
+            found.append(_improvement(change, before, mapped(changed, {})))
     return sorted(found, key=lambda one: _worth(one, hidden), reverse=True)
 
 

@@ -14,15 +14,9 @@ from hil.campaign import Campaign, Collects, Conditions
 from hil.config.bench import load_bench
 from hil.config.sweep import load_sweep
 from hil.design.conditions import planned_conditions
-from hil.design.visibility.document import (
-    campaign_document,
-    improvements,
-    sweep_document,
-    visibility_document,
-    visibility_text,
-)
+from hil.design.visibility.document import campaign_document, sweep_document, visibility_document, visibility_text
 from hil.design.visibility.map import NoiseLevel, Sights, visibility
-from hil.model import built_in_model, load_model
+from hil.model import Model, built_in_model, load_model
 from hil.model.effects.catalogue import EFFECTS
 from hil.solve.changes import CHANGES, with_collect_4, with_order_1_3_2, with_second_heading
 from procedures.plan import make_plan
@@ -124,16 +118,21 @@ def test_order_1_3_2_keeps_a_drift_out_of_mu(published: dict[int, Conditions]) -
     assert leaks[1] < 0.05 * leaks[0]  # not zero: the bench is not level
 
 
+def changed(sensors: dict[int, Conditions], model: Model | None = None) -> Any:
+    """Return what changes would bring."""
+    return visibility_document(sensors, "", model)["changes"]
+
+
 @pytest.mark.slow
 def test_changes_are_ranked_by_what_they_bring(published: dict[int, Conditions]) -> None:
     """For the contractor's form Collect 4 leads; more of the same tells next to nothing apart."""
     model = built_in_model("collins-4")
-    found = improvements({2: published[2]}, model)
+    found = changed({2: published[2]}, model)
     names = [one["change"] for one in found]
     assert names[0].startswith("add collect 4")
     assert ("MU_real", "k2") in found[0]["separated"]
     assert len(found[names.index("the same sweep twice")]["separated"]) < 2
-    order = next(one for one in improvements(published) if one["change"] == "take collect 3 before collect 2")
+    order = next(one for one in changed(published) if one["change"] == "take collect 3 before collect 2")
     kept = {n: (("drift", f"{kind}A"), ("drift", f"{kind}B")) for n, kind in (("2", "MU"), ("1", "GS"))}
     assert order["protected_in"] == kept
 
@@ -142,11 +141,11 @@ def test_changes_are_ranked_by_what_they_bring(published: dict[int, Conditions])
 def test_a_change_promises_what_the_map_of_the_changed_collects_says() -> None:
     """Of one run a fourth collect leaves something of a dozen effects, and shows none of a size that occurs."""
     rows = campaign(temperatures=(20.0,), runs_each=1)
-    promised = {each["change"]: each["newly_visible"] for each in improvements({2: rows})}
+    promised = {each["change"]: each["newly_visible"] for each in changed({2: rows})}
     for change in (change for change in CHANGES if change.name in promised):
-        changed = change.apply(rows)
-        assert changed is not None
-        assert promised[change.name] == [sight.effect.id for sight in visibility(changed).effects if sight.in_sight]
+        after = change.apply(rows)
+        assert after is not None
+        assert promised[change.name] == [sight.effect.id for sight in visibility(after).effects if sight.in_sight]
     assert promised["add collect 4 (spin axis down) to every run"] == []
 
 
