@@ -31,9 +31,10 @@ from procedures.requests import PauseAsked
 from procedures.safe_air import Left
 from procedures.settings import CollectSettings, Restabilisation
 from procedures.stop import StopRequested
-from procedures.sweep_outcome import SweepOutcome, outcome_of, state_after, why
+from procedures.sweep_outcome import SweepOutcome, SweepState, state_after, why
 from procedures.verdict import NOT_GOOD
 from procedures.watch import Watch
+from procedures.words import counted
 
 # What steps stand on, in the order in which it has to be restored, each on those before it; and why it is done again.
 _STANDS_ON: Mapping[StepKind, str] = {
@@ -86,8 +87,7 @@ class Sequencer:
         except BaseException as error:  # an interrupt that nobody turned into a stop request
             self._leave(error)
             raise
-        left = self._leave(cause)
-        return outcome_of(self.plan, self._done, self._failed, self.watch.aside, cause, left)
+        return self._outcome(cause, self._leave(cause))
 
     def _sweep(self) -> None:
         recorded = dict(self.watch.journal.completed())
@@ -141,6 +141,26 @@ class Sequencer:
             if cause is not None:
                 cause.add_note(f"and the journal could not record it: {failure}")
         return left
+
+    def _outcome(self, cause: Exception | None, left: Left) -> SweepOutcome:
+        lacking, aside = [step for step in self.plan.steps if step.key not in self._done], self.watch.aside
+        missing, partly = tuple(step.key for step in lacking), False
+        if cause is not None:
+            state, reason = state_after(cause), why(cause)
+        elif not left.safe:
+            state, reason = SweepState.FAILED, left.reason
+        elif partly := bool(missing) and {step.unit for step in lacking} <= aside.keys():
+            whole = f"complete for {len(self.plan.units) - len(aside)} of {counted(len(self.plan.units), 'unit')}"
+            so = "; ".join(f"{unit} ({why_so})" for unit, why_so in aside.items())
+            state, reason = SweepState.INCOMPLETE, f"{whole}; set aside: {so}"
+        elif missing:
+            because = f": {self._failed[missing[0]]}" if missing[0] in self._failed else ""
+            state = SweepState.INCOMPLETE
+            reason = f"{counted(len(missing), 'step')} not done, the first is {missing[0]}{because}"
+        else:
+            state, reason = SweepState.COMPLETE, "every step is done"
+        fatal = cause if state in (SweepState.FAILED, SweepState.ERROR) else None
+        return SweepOutcome(state, reason, missing, partly, left, fatal)
 
     # One stage: a step of the chamber, or one of each unit
 

@@ -1,16 +1,13 @@
 """How a run of a sweep ends: its states, the outcome, and the reason in words."""
 
 import errno
-from collections.abc import Container, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 
 from drivers.errors import DeviceError
 from procedures.interlocks import InterlockTripped
-from procedures.plan import Plan
 from procedures.safe_air import Left
 from procedures.stop import StopRequested
-from procedures.words import counted
 
 
 class SweepState(StrEnum):
@@ -55,32 +52,3 @@ def why(cause: BaseException | None) -> str:
     if isinstance(cause, MemoryError):
         return "the computer is out of memory: end other programs, then carry on"
     return f"{type(cause).__name__}: {cause}"
-
-
-def outcome_of(
-    plan: Plan,
-    done: Container[str],
-    failed: Mapping[str, str],
-    aside: Mapping[str, str],
-    cause: Exception | None,
-    left: Left,
-) -> SweepOutcome:
-    """Return what became of a run that ended for this `cause`; `failed` says by key why steps could not be done."""
-    lacking = [step for step in plan.steps if step.key not in done]
-    missing, partly = tuple(step.key for step in lacking), False
-    if cause is not None:
-        state, reason = state_after(cause), why(cause)
-    elif not left.safe:
-        state, reason = SweepState.FAILED, left.reason
-    elif partly := bool(missing) and {step.unit for step in lacking} <= aside.keys():
-        whole = f"complete for {len(plan.units) - len(aside)} of {counted(len(plan.units), 'unit')}"
-        so = "; ".join(f"{unit} ({why_so})" for unit, why_so in aside.items())
-        state, reason = SweepState.INCOMPLETE, f"{whole}; set aside: {so}"
-    elif missing:
-        because = f": {failed[missing[0]]}" if missing[0] in failed else ""
-        state = SweepState.INCOMPLETE
-        reason = f"{counted(len(missing), 'step')} not done, the first is {missing[0]}{because}"
-    else:
-        state, reason = SweepState.COMPLETE, "every step is done"
-    fatal = cause if state in (SweepState.FAILED, SweepState.ERROR) else None
-    return SweepOutcome(state, reason, missing, partly, left, fatal)

@@ -112,16 +112,16 @@ def history(
     out: Path | None = None,
 ) -> Answer:
     """Say what became of a unit through the years: drift, jumps, control limits, when the next calibration is due."""
+    from hil.archive.folder import life
     from hil.archive.history import history as became
     from hil.archive.index import opened_index
+    from hil.archive.page import history_page
+    from hil.campaign.writer import write_campaign
+    from hil.config.limits import load_limits
 
     if page is not None:
         check_file(page, *PAGE)  # before anything is written
-    folder, chosen = _named(archive), None
-    if limits is not None:
-        from hil.config.limits import load_limits
-
-        chosen = load_limits(limits)
+    folder, chosen = _named(archive), None if limits is None else load_limits(limits)
     with opened_index(folder) as index:
         document = became(index, serial, model, chosen)
     if csv_file is not None:
@@ -133,13 +133,8 @@ def history(
         )
         _write_csv(csv_file, rows)
     if page is not None:
-        from hil.archive.page import history_page
-
         write_result(page, history_page(document))
     if out is not None:
-        from hil.archive.folder import life
-        from hil.campaign.writer import write_campaign
-
         write_campaign(life(folder, [each["entry"] for each in document["campaigns"] if each["used"]]), out)
     return Answer(document, {"written_to": list(filter(None, (csv_file, page, out)))})
 

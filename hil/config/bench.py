@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-import yaml
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationError, model_validator
 
 from drivers.frames.description import StreamDescription, load_description
@@ -30,7 +29,7 @@ from hil.config.simulation import Fault, SimulationSection
 from hil.config.site import SiteSection, UncertaintySection
 from hil.config.unit import ASK, ImuSection, UnitSection, build_orientations, labels, of_each, where_listed
 from hil.errors import InputError, worded
-from hil.files.strict import NAME, Section, WholeFile, find_config, near, parse_yaml, validated_inside
+from hil.files.strict import NAME, Section, WholeFile, find_config, near, validated_inside
 from hil.files.units import DegreesPerHour, Seconds
 from hil.model.earth import Site
 from hil.model.equation import Orientation
@@ -140,11 +139,8 @@ class Bench(WholeFile):
     def parse(cls, text: str, source: str) -> Self:
         """Read from YAML text; `source` names it in messages. Raises `InputError` in one sentence, no `ValueError`."""
         found = super().parse(text, source)
-        own = of_each(parse_yaml(text, source)) if found.units else {}
-        for serial, bench in found.units.items():  # each is a bench of one unit
-            bench._text = yaml.safe_dump(own[serial], sort_keys=False, allow_unicode=True)
-            bench._source = source
         for each in found.each.values():
+            each._source = source
             _ = each.imu_description, each.simulation_model, each.chamber_description
         return found
 

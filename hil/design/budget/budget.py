@@ -61,10 +61,19 @@ class Budget:
     def __init__(
         self, scene: Scene, given: Sequence[Source], form: LinearForm, draws: int = DRAWS, seed: int = 0
     ) -> None:
-        squares = np.zeros((len(given) + 1, len(form.names)))
-        rng = np.random.default_rng(seed)
+        squares, rng = np.zeros((len(given) + 1, len(form.names))), np.random.default_rng(seed)
+        rates = scene.rates(scene.gravity, scene.earth_rate, scene.base.bias)
+        observed = rates - scene.conditions.w_channels_deg_per_hr
+        right = _solved(scene, form, observed)
         for begin in range(0, draws, _CHUNK):
-            squares += _simulate(scene, given, form, min(_CHUNK, draws - begin), rng)
+            many = min(_CHUNK, draws - begin)
+            together = np.zeros((many, *rates.shape))
+            for source, square in zip(given, squares, strict=False):
+                components = source.columns(scene).shape[-1]
+                wrong = source.changes(scene, source.size * rng.standard_normal((many, components)))
+                together += wrong
+                square += np.sum((_solved(scene, form, observed + wrong) - right) ** 2, axis=0)
+            squares[-1] += np.sum((_solved(scene, form, observed + together) - right) ** 2, axis=0)
         spread = np.sqrt(squares / draws) if draws else np.full_like(squares, np.nan)
         to_parameters = response(scene, form)
         self.names, self.units, self.draws, self.everything = form.names, form.units, draws, spread[-1]
@@ -116,24 +125,6 @@ def analytic_share(source: Source, scene: Scene, to_parameters: FloatArray) -> F
     """Return one source's contribution (p,) by the derivative `to_parameters` (p, n·c) of the solution."""
     columns = source.columns(scene)
     return np.asarray(source.size * np.linalg.norm(to_parameters @ columns.reshape(-1, columns.shape[-1]), axis=1))
-
-
-def _simulate(
-    scene: Scene, given: Sequence[Source], form: LinearForm, draws: int, rng: np.random.Generator
-) -> FloatArray:
-    """Return sums of squared errors (s + 1, p) over draws: each source alone, then all of them at once."""
-    rates = scene.rates(scene.gravity, scene.earth_rate, scene.base.bias)
-    assumed = scene.conditions.w_channels_deg_per_hr
-    right = _solved(scene, form, rates - assumed)
-    together = np.zeros((draws, *rates.shape))
-    found = []
-    for source in given:
-        components = source.columns(scene).shape[-1]
-        wrong = source.changes(scene, source.size * rng.standard_normal((draws, components)))
-        together += wrong
-        found.append(np.sum((_solved(scene, form, rates + wrong - assumed) - right) ** 2, axis=0))
-    found.append(np.sum((_solved(scene, form, rates + together - assumed) - right) ** 2, axis=0))
-    return np.array(found)
 
 
 def _solved(scene: Scene, form: LinearForm, observed: FloatArray) -> FloatArray:
