@@ -341,12 +341,3 @@ class ItemsFamily(FrameFamily):
         for name, field, offset in self._items.placed(walked):
             fields[name], offsets[name] = field, offset
         return FrameLayout(self._stream, self.name, length=length, fields=fields, offsets=offsets)
-
-
-def families_of(description: StreamDescription) -> list[FrameFamily]:
-    """Return the frame types of a stream."""
-    return [
-        ItemsFamily(description, name, frame.items) if frame.items else FrameFamily(description, name)
-        for name, frame in description.frames.items()
-        if not frame.parts
-    ]

@@ -25,17 +25,6 @@ class Finding:
     advice: str = ""
 
 
-def line_words(bench: Bench, device: Device, baud: int) -> str:
-    """Return port and line settings as the panel or the data sheet has to agree: `/dev/ttyUSB1, 9600 baud 8E1`."""
-    port = bench.imu.port if device == "unit" else bench.chamber.port
-    if port.startswith(("socket://", "sim://")):
-        return port
-    if device == "unit":
-        return f"{port}, {baud} baud 8N1"
-    line = bench.chamber.line
-    return f"{port}, {line.baud} baud {line.data_bits}{line.parity}1"
-
-
 def advice_for(error: DeviceError, bench: Bench, device: Device) -> str:
     """Return what to do about `error`, which came from `device`."""
     section, said, words = bench.chamber, ADVICE[device], str(error)

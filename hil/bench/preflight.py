@@ -14,12 +14,13 @@ from itertools import chain
 from pathlib import Path
 
 from drivers.chambers import CHAMBER_DRIVERS
+from drivers.chambers.catalogue import SerialLine
 from drivers.chambers.guards import ENDURANCE_WRITES
 from drivers.chambers.ramp import steps_of_a_ramp
 from drivers.clock import SystemClock
 from drivers.errors import DeviceError
 from drivers.imu import SampleBlock
-from hil.bench.advice import ADVICE, Device, Finding, advice_for, closed_port_advice, line_words
+from hil.bench.advice import ADVICE, Device, Finding, advice_for, closed_port_advice
 from hil.bench.assemble import LiveBench, build_bench, ports_of
 from hil.bench.at_rest import at_rest
 from hil.bench.decode import wrong_counter
@@ -98,11 +99,13 @@ def _ports(live: LiveBench, closed: dict[str, DeviceError]) -> Iterator[Finding]
         elif url.startswith(SIMULATED_SCHEME):
             yield Finding(key, True, f"{url}: simulated in this process")
         else:
-            unit = next((each for name, each in live.each.items() if key == unit_port(name)), None)
-            of = unit or live
-            baud = of.bench.imu.baud or of.bench.frames.baudrate
-            line = line_words(of.bench, "chamber" if unit is None else "unit", baud)
-            yield Finding(key, True, f"{line}: opened")
+            units = {unit_port(name): each.bench for name, each in live.each.items()}
+            line = live.bench.chamber.line
+            if key in units:
+                line = SerialLine(units[key].imu.baud or units[key].frames.baudrate)
+            # As the panel or the data sheet has to agree.
+            said = "" if url.startswith("socket://") else f", {line.baud} baud {line.data_bits}{line.parity}1"
+            yield Finding(key, True, f"{url}{said}: opened")
 
 
 def _unit(live: LiveBench) -> Iterator[Finding]:
