@@ -82,12 +82,9 @@ def chamber(
 
 def _target(given: str | None, bench: Bench) -> float:
     """Return the temperature in °C; raise `InputError` where it is none, or outside the limits."""
-    from hil.files.columns import is_number
-
     if given is None:
         raise InputError("set needs a temperature, such as: hil chamber BENCH set '-20 degC'")
-    plain = given.replace("−", "-")
-    value = quantity("set", f"{plain} degC" if is_number(plain) else plain, TEMPERATURE)
+    value = quantity("set", given.replace("−", "-"), TEMPERATURE, "degC")
     if outside := bench.outside(value):
         raise InputError(f"{outside}; nothing was sent")
     return value

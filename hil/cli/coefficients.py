@@ -21,19 +21,19 @@ if TYPE_CHECKING:
     from hil.design.sequence.unit_scatter import UnitScatter
 
 
-def quantity(option: str, text: str, kind: Kind) -> float:
-    """Return what an option says, in the unit of its kind; raise `InputError` where it is none."""
+def quantity(option: str, text: str, kind: Kind, usual: str = "") -> float:
+    """Return what an option says, in the unit of its kind, a bare number in the `usual` one; else `InputError`."""
+    from hil.files.columns import is_number
+
     with worded(InputError, f"{option}: "):
-        return to_number(text, kind)
+        return to_number(f"{text} {usual}" if usual and is_number(text) else text, kind)
 
 
 def sample_rate_hz(text: str | None) -> float | None:
     """Return what --rate says, where it is given; raise `InputError` where it is no rate."""
-    from hil.files.columns import is_number
-
     if text is None:
         return None
-    rate_hz = quantity("--rate", f"{text} Hz" if is_number(text) else text, FREQUENCY)
+    rate_hz = quantity("--rate", text, FREQUENCY, "Hz")
     if rate_hz == 0.0:
         raise InputError("--rate: the sample rate must be more than 0 Hz")
     return rate_hz
