@@ -154,8 +154,17 @@ class FrameLayout:
         cells = (bytes(row[at : at + size]) for row in rows)
         return [cell.split(b"\0")[0].decode("ascii", "replace").replace("�", "?").strip() for cell in cells]
 
-    def store(self, rows: Rows, field: str, values: ArrayLike) -> None:
-        """Write a field of n frames, (n,) or one for all, rounded and saturated; `ValueError` for NaN in integers."""
+    def store(self, rows: Rows, field: str, values: ArrayLike | str) -> None:
+        """Write a field of n frames, (n,) or one for all: numbers rounded and saturated, text padded with NUL.
+
+        Raises `ValueError` for NaN in integers, and for text that is too long or not ASCII.
+        """
+        if isinstance(values, str):
+            at, size = self.offsets[field], self.description.fields[field].width
+            if not values.isascii() or len(values) > size:
+                raise ValueError(f"{field}: {values!r} is not ASCII text of at most {size} characters")
+            rows[:, at : at + size] = np.frombuffer(values.encode("ascii").ljust(size, b"\0"), np.uint8)
+            return
         found = self.numeric[field]
         wire, factor, kind = np.asarray(values), self.factor(field), str(found.type)
         if found.offset != 0.0:
@@ -170,14 +179,6 @@ class FrameLayout:
             hidden = whole.dtype.type(found.mask)
             wire = (whole & ~hidden) | ((wire.astype(np.uint64) << np.uint64(found.shift)).astype(whole.dtype) & hidden)
         write_column(rows, self.offsets[field], kind, self.order(found), wire)
-
-    def store_text(self, rows: Rows, field: str, text: str) -> None:
-        """Write a text field of frames (n, length), padded with NUL; raise `ValueError` if too long or not ASCII."""
-        size = self.description.fields[field].width
-        if not text.isascii() or len(text) > size:
-            raise ValueError(f"{field}: {text!r} is not ASCII text of at most {size} characters")
-        at = self.offsets[field]
-        rows[:, at : at + size] = np.frombuffer(text.encode("ascii").ljust(size, b"\0"), np.uint8)
 
 
 def _to_integers(values: NDArray[Any], field: FieldDescription, name: str) -> NDArray[Any]:
@@ -246,10 +247,7 @@ def encode_rows(layout: FrameLayout, columns: Mapping[str, ArrayLike | str], n: 
     template = layout.header.ljust(layout.length - len(layout.delimiter), b"\0") + layout.delimiter
     rows = np.tile(np.frombuffer(template, np.uint8), (n, 1))
     for field, values in columns.items():
-        if isinstance(values, str):
-            layout.store_text(rows, field, values)
-        else:
-            layout.store(rows, field, values)
+        layout.store(rows, field, values)
     layout.checksum.write(rows)
     return rows
 

@@ -104,13 +104,6 @@ class Scanner:
     def _unfinished(self, data: bytes, at: int) -> bool:
         return len(data) - at < self._longest_header and self._begun.match(data, at) is not None
 
-    def _tail(self, data: bytes, at: int, end: int) -> int | None:
-        """Return the first place from `at` on, before `end`, at which an unfinished header may begin."""
-        for place in range(max(at, len(data) - self._longest_header + 1), end):
-            if self._unfinished(data, place):
-                return place
-        return None
-
     def _behind(self, optional: bytes, data: bytes, end: int, last: bool) -> bytes | Flaw | None:
         """Return what of the optional delimiter stands behind a good frame, or its flaw; None where more may come."""
         behind = data[end : end + len(optional)]
@@ -159,7 +152,8 @@ class Scanner:
         while True:
             match = self._header.search(data, at)
             start = size if match is None else match.start()
-            early = self._tail(data, at, min(start + 1, size))
+            tail = range(max(at, size - self._longest_header + 1), min(start + 1, size))
+            early = next((place for place in tail if self._unfinished(data, place)), None)  # a header that has begun
             if early is not None:
                 result.stop, result.reach = early, 1
                 break
