@@ -73,13 +73,6 @@ class _Facts:
         self.beat = beat if beat and self.owner and beat.pid == self.owner.pid else None
 
     @property
-    def held_by_another(self) -> bool:
-        """Whether who holds the folder is not the newest controller: it has ended or died, and its watchdog acts."""
-        if self.owner is None or self.controller is None or not self.owner.pid:
-            return False
-        return self.controller.ended is not None or self.owner.pid != self.controller.pid
-
-    @property
     def silence(self) -> str:
         """For how long the living controller has shown no sign of life, in words; empty where it is not too long."""
         now = SystemClock().utc()
@@ -246,17 +239,19 @@ def _state(facts: _Facts) -> tuple[str, str]:
         return "complete", "every planned step is done"
     if set_aside := _aside(facts).get(facts.journal.unit):
         return "incomplete", set_aside
-    if facts.owner is not None and not facts.held_by_another:
+    owner, newest = facts.owner, facts.controller
+    # Where who holds the folder is not the newest controller, that has ended or died, and its watchdog acts.
+    if owner is not None and (newest is None or not owner.pid or (newest.ended is None and owner.pid == newest.pid)):
         if facts.silence:
-            return "incomplete", f"the controller ({facts.owner}) is there, but {facts.silence}"
+            return "incomplete", f"the controller ({owner}) is there, but {facts.silence}"
         paused = facts.journal.standing("pause", "continue")
         return ("paused", paused.message) if paused else ("running", "")
-    if facts.controller is None:
+    if newest is None:
         return "incomplete", "it has not begun"
-    beside = f"; {facts.owner} is at work here, its watchdog or who resumes it" if facts.owner else ""
-    if facts.controller.ended is None:
+    beside = f"; {owner} is at work here, its watchdog or who resumes it" if owner else ""
+    if newest.ended is None:
         return "incomplete", f"the controller was killed, or lost its power{beside}"
-    ending, _, reason = facts.controller.ended.partition(": ")
+    ending, _, reason = newest.ended.partition(": ")
     return (ending if ending in {"aborted", "failed"} else "incomplete"), (reason or ending) + beside
 
 
