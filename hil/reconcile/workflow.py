@@ -30,7 +30,7 @@ from hil.reconcile.proof.held_out import HeldOut, held_out
 from hil.reconcile.result import Reconciliation
 from hil.reconcile.search.layout import coarse, may_be_calibrated, refined, searches, values_follow
 from hil.reconcile.search.posterior import Posterior, beside_lookalikes, weigh
-from hil.reconcile.search.problem import Problem, pose
+from hil.reconcile.search.problem import Problem, as_thermometers_may_be, pose
 from hil.solve.wrong_rows import pooled, sound
 
 INSIDE = 0.2  # share of the rate of false alarms that the series' tests have, where there are series
@@ -77,8 +77,10 @@ def searched(
 
     The search over averages and the tests inside the collects share `alpha`, the stated rate of false alarms.
     """
-    problem = pose(usable(sound(campaign)), model, effects)
-    posterior = beside_lookalikes(_likelier(problem, scattering))
+    posed = [pose(usable(sound(each)), model, effects) for each in as_thermometers_may_be(campaign)]
+    told = [(_likelier(problem, scattering), problem) for problem in posed]
+    likeliest, problem = max(told, key=lambda each: each[0].log_evidence)
+    posterior = beside_lookalikes(likeliest)
     reading = read(posterior, (1.0 - INSIDE) * alpha if campaign.recorded else alpha)
     proof = held_out(posterior, reading.nothing, reading.found) if prove else None
     reading, reverted = _kept(posterior, reading, proof)

@@ -9,7 +9,7 @@ from hil.campaign import Campaign
 from hil.model import Model
 from hil.model.effects.catalogue import SERIES_EFFECTS
 from hil.model.effects.catalogue import named as known_as
-from hil.reconcile.follows import own_share, unasked
+from hil.reconcile.follows import unasked
 from hil.reconcile.inside import named_within
 from hil.reconcile.naming import LIKELY
 from hil.reconcile.outcome import findings, mistakes, scatter, stated
@@ -52,7 +52,7 @@ def shown(campaign: Campaign, found: Answer) -> Reconciliation:
         for verdict in NOT_GOOD
     }
     standing = findings.as_it_stands(found.problem.model, found.problem.campaign, reading.mistakes, fit)
-    notes = [*asked.warnings, *in_words(beside), *found.problem.notes]
+    notes = [*found.problem.campaign.warnings, *in_words(beside), *found.problem.notes]
     notes += in_words({"rows": found.rows}, searched=True)
     notes += findings.laws_that_fail(fit, found.problem.sensors)
     notes += [*_only_together(found), *_otherwise_asked(results, found.solved)]
@@ -167,8 +167,9 @@ def _may_be_too(found: Answer) -> Iterator[str]:
     called, beside = {"", *(named.name for named in (*found.names, *found.reverted))}, unasked(posterior)
     called |= {rival.id for named in found.names for rival in named.rivals if rival.probability > LIKELY}
     for name in (each for each in titles if each not in called):
-        if (share := own_share(beside, name) * posterior.likely[name]) > LIKELY:
+        if (share := posterior.likely[name]) > LIKELY:
             which = "something that no effect describes" if name == NO_NAME else f"{titles[name]} ({name})"
+            which = " or ".join([which, *(each.effect.id for each in beside.get(name, ()))])
             yield f"{which}: {percent(share)}, and so not called missing at a rate of false alarms of {found.alpha:.2g}"
 
 

@@ -14,7 +14,8 @@ from functools import partial
 import numpy as np
 
 from hil.campaign import Campaign, Collects, Conditions, FloatArray
-from hil.campaign.stand_ins import with_stand_ins
+from hil.campaign.data import known_mean
+from hil.campaign.stand_ins import OWN, own_degC, with_stand_ins
 from hil.model import Model
 from hil.model.effects.base import Base, Effect, effect_columns
 from hil.model.effects.prior import UNSEEN
@@ -25,7 +26,7 @@ from hil.solve.beside_terms import with_white_noise_of
 from hil.solve.identifiability import kept_shares, orthonormal, smallest_fit
 from hil.solve.precision import with_every_error
 from hil.solve.rows import Block, sensor_blocks
-from hil.solve.temperatures import fitted_form, same_temperature
+from hil.solve.temperatures import NOT_SETTLED, fitted_form, same_temperature, unsettled, why_unsettled
 from procedures.words import counted
 
 LEAST_FREEDOM = 1  # rows of a block beyond the values of its base, from which on anything can be tested
@@ -95,6 +96,27 @@ class Problem:
     blocks: Sequence[Block]
     candidates: Sequence[Candidate]
     notes: Sequence[str] = field(default_factory=tuple)
+
+
+def as_thermometers_may_be(campaign: Campaign) -> list[Campaign]:
+    """Return a campaign as recorded, and, where a thermometer may be off in a run, with what it shows there in others.
+
+    The latter says so in its warnings.
+    """
+    sensors, said = dict(campaign.sensors), list[str]()
+    for number, collects in campaign.sensors.items():
+        conditions, late = collects.conditions, unsettled(collects.conditions)
+        for run in (run for run, why in late.items() if why_unsettled([why]) != NOT_SETTLED):
+            rows, setpoint, own = conditions.run == run, conditions.columns["setpoint_degC"], own_degC(conditions)
+            usual = known_mean(own[np.isin(setpoint, setpoint[rows]) & ~np.isin(conditions.run, [*late])])
+            if np.isfinite(usual):
+                shown = known_mean(own[rows])
+                own[rows] += usual - shown
+                conditions = replace(conditions, columns={**conditions.columns, OWN: own})
+                words = f"its thermometer, at {shown:z.1f} °C, is off by {shown - usual:+.1f} °C"
+                said.append(f"sensor {number}, run {run}: the rates are likelier if {words}")
+        sensors[number] = replace(collects, conditions=conditions)
+    return [campaign, replace(campaign, sensors=sensors, warnings=[*campaign.warnings, *said])][: 1 + bool(said)]
 
 
 def pose(campaign: Campaign, model: Model, catalogue: Sequence[Effect]) -> Problem:
