@@ -128,8 +128,8 @@ def named(effect: Effect) -> Effect:
 
 def over_temperature(effect: Effect) -> Effect:
     """Return the entry that describes how values of an effect follow temperature, MU_T of MU_real; else its name's."""
-    of = (each for each in EFFECTS if each.known_as == effect.id and each.follows == "temperature")
-    return next(of, named(effect))
+    of = (each for each in (effect, *EFFECTS) if effect.id in (each.id, each.known_as))
+    return next((each for each in of if each.follows == "temperature"), named(effect))
 
 
 def why_not(effect: Effect, conditions: Conditions, base: Base | None) -> str:

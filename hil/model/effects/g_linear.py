@@ -282,3 +282,29 @@ class LinearSensitivityTemperature(LinearSensitivity):
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
         return super().columns(conditions, base, shape) * np.nan_to_num(above_reference(conditions))[:, None, None]
+
+
+class LinearSensitivityGain(Effect):
+    """G that follows temperature in proportion: what loads a channel, or reads it, changes by a share for all axes."""
+
+    id = "g_gain"
+    title = "Acceleration sensitivity's temperature dependence, in proportion"
+    equation = "G *= 1 + a (T - 25 degC), of each channel"
+    per_channel = True
+    needs_base = True
+    follows = "temperature"
+    needs = frozenset({"temperature_degC"})
+    parameters = (Parameter("a", "1/degC", (0.001, 0.004), power=1),)
+    signature = "A channel's response to gravity changes by the same share in every orientation; its bias does not."
+    confusable_with = ("scale", "g_sensitivity_T")
+    known_as = "g_sensitivity"
+    experiment = "The same orientations at two temperatures at least, revisited: the ratios within a row of G stay."
+
+    def beside_form(self, parameters: Sequence[str], sensor: Sensor) -> bool:
+        """As the sensitivity itself."""
+        return LinearSensitivity().beside_form(parameters, sensor)
+
+    def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
+        rates = np.einsum("nca,na->nc", required_base(self, base).k, conditions.f_g)
+        warmed = rates * np.nan_to_num(above_reference(conditions))[:, None]
+        return np.asarray(warmed[:, :, None] * np.eye(rates.shape[1]))

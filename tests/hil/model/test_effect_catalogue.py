@@ -170,6 +170,7 @@ def test_every_effect_of_the_reference_is_in_the_catalogue(reference: Path) -> N
         "GS_gain",
         "MU_T",
         "g_sensitivity_T",
+        "g_gain",
         "ageing",
         "saturation",
         "markov",

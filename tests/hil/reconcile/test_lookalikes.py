@@ -14,6 +14,7 @@ from hil.reconcile.search.layout import searches
 from hil.reconcile.search.lookalikes import exchanged, lookalikes
 from hil.reconcile.search.posterior import log_weights, weigh
 from hil.reconcile.search.problem import pose
+from tests.hil.analysis.thermal.nights import triad_night
 from tests.hil.reconcile.hidden_effects import base_rates, both, campaign_of, lay_out, noise
 
 
@@ -86,3 +87,18 @@ def test_gs_that_follows_temperature_in_proportion_is_no_scale_factor(gsb: float
     assert [parameter["name"] for parameter in effect.parameters] == named
     value, error = effect.parameters[0]["value"], effect.parameters[0]["se"]
     assert value == pytest.approx(0.004 if len(named) == 1 else 0.24, abs=3.0 * error)
+
+
+@pytest.mark.slow
+def test_a_triads_sensitivity_that_follows_temperature_in_proportion_is_no_scale_factor() -> None:
+    """One share for each channel, and not nine values: of these little shows, and a scale of twice the usual led."""
+    g = {"GXX": 3.9, "GXY": -2.4, "GXZ": 1.2, "GYX": 0.7, "GYY": 4.9, "GYZ": -3.2, "GZX": -1.5, "GZY": 2.0, "GZZ": 5.9}
+    curves = {name: lambda t, at=at: at * (1.0 + 0.0025 * (t - 25.0)) for name, at in g.items()}
+    for name, (at, slope) in {"BX": (10.0, 0.22), "BY": (-8.0, 0.13), "BZ": (23.0, -0.28)}.items():
+        curves[name] = lambda t, at=at, slope=slope: at + slope * (t - 25.0)
+    result = reconcile(triad_night(np.random.default_rng(5), curves, 0.3), "triad-12", prove=False)
+    assert {effect.id for effect in result.effects} == {"g_sensitivity", "bias_T"}
+    (found,) = (effect for effect in result.effects if effect.id == "g_sensitivity")
+    assert [parameter["name"] for parameter in found.parameters] == ["a_X", "a_Y", "a_Z"]
+    for of in found.parameters:
+        assert of["value"] == pytest.approx(0.0025, abs=3.0 * of["se"])
