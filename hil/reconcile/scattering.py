@@ -19,6 +19,7 @@ from hil.campaign.stand_ins import with_stand_ins
 from hil.files.document import picked
 from hil.model import load_model
 from hil.model.effects.catalogue import BASE_EFFECTS, EFFECTS, VARIANCE_EFFECTS
+from hil.model.effects.document import shape_in_words
 from hil.model.effects.prior import ALPHA
 from hil.model.forms import default_form
 from hil.reconcile.follows import repeated
@@ -65,7 +66,8 @@ class Scattering:
         likely = {name: f"{title} ({percent(share)})" for name, (title, share) in found.scatters_by.items()}
         if self.named:
             values = [
-                f"{s.effect.title}, sensor {s.sensor}: {s.value:.3g} {unit_in_words(s.parameter.unit)} "
+                f"{', '.join(filter(None, [s.effect.title, shape_in_words(s.shape)]))}, sensor {s.sensor}: "
+                f"{s.value:.3g} {unit_in_words(s.parameter.unit)} "
                 f"({s.interval['low']:.2g} … {s.interval['high']:.2g}), by all runs and channels and what is typical"
                 for s in self.sizes
             ]

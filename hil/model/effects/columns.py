@@ -4,7 +4,8 @@ import math
 
 import numpy as np
 
-from hil.campaign import Conditions, FloatArray, Sensor
+from hil.campaign import Conditions, FloatArray, IntArray, Sensor
+from hil.campaign.stand_ins import WIDEST_DEGC
 from hil.model.forms import bias_names
 
 REFERENCE_DEGC = 25.0
@@ -48,6 +49,20 @@ def middle_hr(conditions: Conditions) -> FloatArray:
 def above_reference(conditions: Conditions) -> FloatArray:
     """Return temperature_degC less the 25 °C about which all temperature terms of the catalogue are expanded, (n,)."""
     return column(conditions, "temperature_degC") - REFERENCE_DEGC
+
+
+def visits(conditions: Conditions) -> IntArray:
+    """Return to which visit to a temperature each row belongs, (n,): the minute of the campaign at which it was set.
+
+    Where that is not recorded they are counted, by steps of what tells the temperature.
+    """
+    given_s = conditions.start_s - column(conditions, "time_since_setpoint_s")
+    if np.all(np.isfinite(given_s)):
+        return np.asarray(np.round(given_s / 60.0).astype(np.int64))
+    level, in_time = column(conditions, "setpoint_degC|temperature_degC"), np.argsort(conditions.start_s, kind="stable")
+    number = np.zeros(len(level), dtype=np.int64)
+    number[in_time[1:]] = np.cumsum(np.abs(np.diff(level[in_time])) > WIDEST_DEGC)
+    return number
 
 
 def flattened(columns: FloatArray) -> FloatArray:

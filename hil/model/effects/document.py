@@ -36,6 +36,8 @@ def shape_in_words(shape: Mapping[str, float], may_be: Mapping[str, Sequence[flo
     if run is not None:
         after = f", after {collects:g} of its collects" if collects else ""
         return f"in run {run:g} alone" if shape.get("runs_held") else f"from run {run:g} on{after}"
+    if shape.get("of_visit"):
+        return "the same in all runs of a visit to a temperature"
     every = {name: text.format(shape[name]) for name, text in _SHAPES.items() if name in shape}
     known = {name: " ({:.3g} to {:.3g} is possible)".format(*ends) for name, ends in (may_be or {}).items()}
     return ", ".join(text + known.get(name, "") for name, text in every.items())

@@ -7,8 +7,9 @@ from typing import ClassVar
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray, Sensor
-from hil.model.effects.base import Base, Effect, Parameter, VarianceEffect, required_base
-from hil.model.effects.columns import above_reference, channel_labels
+from hil.campaign.stand_ins import WIDEST_DEGC
+from hil.model.effects.base import Base, Effect, Parameter, ShapeParameter, VarianceEffect, required_base
+from hil.model.effects.columns import above_reference, channel_labels, column, visits
 from hil.model.effects.scatter import Scatter
 from hil.model.forms import bias_columns, gs_columns, mu_columns, sensitivity_columns, sensitivity_names
 
@@ -150,15 +151,28 @@ class AxialDriftTemperature(_FollowsTemperature):
 
 
 class _AnewInEachRun(VarianceEffect):
-    """The coefficients of another effect, drawn anew for each self-calibration."""
+    """The coefficients of another effect, drawn anew for each self-calibration, or for each visit to a temperature."""
 
     of: ClassVar[Effect]
     follows = "run"
     rotor_only = True
 
+    def shapes_for(self, conditions: Conditions) -> tuple[ShapeParameter, ...]:
+        """Return whether a visit's runs are alike: asked where some are several, and a temperature was gone to again.
+
+        Else that is what follows temperature.
+        """
+        level, visit = column(conditions, "setpoint_degC|temperature_degC"), visits(conditions)
+        several, first = np.unique(visit, return_index=True)
+        runs = len(np.unique(np.column_stack([visit, conditions.run]), axis=0))
+        apart = np.abs(np.subtract.outer(level[first], level[first])) > WIDEST_DEGC
+        again = len(several) > 1 and not np.all(apart | np.eye(len(several), dtype=np.bool_))
+        return (ShapeParameter("of_visit", "", (0.0, 1.0) if again and runs > len(several) else (0.0,), default=0.0),)
+
     def scatter(self, conditions: Conditions, shape: Mapping[str, float]) -> tuple[Scatter, ...]:
-        """Return independent coefficients of unit deviation per run."""
-        return (Scatter(self.of.columns(conditions, None, {}), group=conditions.run),)
+        """Return independent coefficients of unit deviation per run, or per visit."""
+        group = visits(conditions) if shape.get("of_visit") else conditions.run
+        return (Scatter(self.of.columns(conditions, None, {}), group=group),)
 
 
 class AxialDriftScatter(_AnewInEachRun):
@@ -167,7 +181,7 @@ class AxialDriftScatter(_AnewInEachRun):
     id = "MU_rr"
     of = AxialDrift()
     title = "Run-to-run MU change"
-    equation = "MU of run k = MU(T) + N(0, s_mu)"
+    equation = "MU of run (or visit) k = MU(T) + N(0, s_mu)"
     parameters = (Parameter("s_mu", "deg/hr/g", (0.8, 6.0), {"DTG": (0.05, 1.0)}),)
     signature = "MU and a bias solved without it scatter equally, one beside it is quiet: sigmas 1 : 0 : 1."
     confusable_with = ("index", "settle", "jump", "drift")
@@ -184,7 +198,7 @@ class RotorSensitivityScatter(_AnewInEachRun):
     id = "GS_rr"
     of = RotorSensitivity()
     title = "Run-to-run GS change"
-    equation = "GSA, GSB of run k = GS(T) + N(0, s_gs)"
+    equation = "GSA, GSB of run (or visit) k = GS(T) + N(0, s_gs)"
     parameters = (Parameter("s_gs", "deg/hr/g", (0.5, 5.0), {"DTG": (0.02, 0.5)}),)
     signature = "Collects 1 and 2 of a run move oppositely, those of the next by another amount; bias and MU stay."
     confusable_with = ("base", "arw", "MU_rr")
@@ -249,7 +263,7 @@ class LinearSensitivityScatter(_AnewInEachRun):
     of = LinearSensitivity()
     rotor_only = False
     title = "Run-to-run change of the acceleration sensitivity"
-    equation = "G of run k = G(T) + N(0, s_g)"
+    equation = "G of run (or visit) k = G(T) + N(0, s_g)"
     parameters = (Parameter("s_g", "deg/hr/g", (0.5, 5.0), {"DTG": (0.02, 0.5), "MEMS": (0.5, 20.0)}),)
     signature = "Opposite orientations of a run move oppositely, those of the next by another amount; bias stays."
     confusable_with = ("base", "arw", "g_sensitivity")
