@@ -21,6 +21,7 @@ from hil.model.effects.scatter import Scatter
 from hil.model.forms import default_form
 from hil.solve.identifiability import orthonormal, project_out
 from hil.solve.repeats import Grouping, SensorRepeats, repeats
+from hil.solve.residuals import Changes, changes
 from hil.solve.runs import RunSolution, solve_campaign
 from hil.solve.temperatures import runs_by_temperature
 
@@ -32,27 +33,36 @@ def beside_usual(
     shown: Mapping[int, SensorRepeats],
     usual: Callable[[Conditions], FloatArray],
     alike: Grouping = runs_by_temperature,
-) -> tuple[Campaign, Mapping[int, SensorRepeats], Mapping[int, FloatArray]]:
+) -> tuple[Campaign, Mapping[int, SensorRepeats], Mapping[int, Mapping[int, FloatArray]]]:
     """Return what repeats show, with `usual` errors (n, c) of sensors whose noise neither errors nor residuals tell.
 
     Of the others it is what was `shown`. Nobody stated these errors, so that they are as many times as large as runs of
     one temperature differ by, be it by chance. With it the campaign with them, and for each sensor that has some how
-    many times that is, by channel (c,).
+    many times that is, by run and channel (c,).
     """
-    assumed = dict[int, FloatArray]()
+    assumed = dict[int, dict[int, FloatArray]]()
     for _ in range(2):  # as usual, then as these show
         for n, each in shown.items():
             if n in assumed or (not each.stated and np.isnan(each.left_deg_per_hr).all()):
-                known = each.differ.freedom > 0.5  # where no errors are there yet nothing differs by so many of them
-                times = np.sqrt(each.differ.squares / np.where(known, each.differ.freedom, 1.0))
-                assumed[n] = (
-                    np.where(known & (times > 0.0), times, 1.0) if n in assumed else np.ones(len(each.channels))
-                )
-                errors = assumed[n] * usual(campaign.sensors[n].conditions)
-                rows = replace(campaign.sensors[n], rates_se_deg_per_hr=errors)
+                rows, runs = campaign.sensors[n], campaign.sensors[n].conditions.of_each_run
+                at = {run: changes(rows, {*of}) for _, of, _ in each.differ.uneven for run in of}
+                assumed[n] = {run: _times(each.differ, at.get(run, each.differ)) for run in runs}
+                every = np.ones(rows.rates_deg_per_hr.shape)
+                for run, here in runs.items():
+                    every[here] = assumed[n][run]
+                rows = replace(rows, rates_se_deg_per_hr=every * usual(rows.conditions))
                 campaign = replace(campaign, sensors={**campaign.sensors, n: rows})
         shown = repeats(campaign, solve_campaign(campaign), alike) if assumed else shown
     return campaign, shown, assumed
+
+
+def _times(of_all: Changes, here: Changes) -> FloatArray:
+    """Return how many of its errors each channel differs by, (c,), `here` where it differs by more at some places."""
+    out = np.ones(len(of_all.freedom))
+    for each in (here, of_all):  # where no errors are there yet nothing differs by so many of them
+        known = (each.freedom > 0.5) & (each.squares > 0.0)
+        out[known] = np.sqrt(each.squares[known] / each.freedom[known])
+    return out
 
 
 def solve_beside(campaign: Campaign, model: Model) -> list[RunSolution]:

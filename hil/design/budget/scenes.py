@@ -113,9 +113,13 @@ def measured_scenes(
 
 
 def _measured_runs(
-    collects: Collects, bench: Bench, shown: SensorRepeats | None, assumed: FloatArray | None, model: Model | None
+    collects: Collects,
+    bench: Bench,
+    shown: SensorRepeats | None,
+    assumed: Mapping[int, FloatArray] | None,
+    model: Model | None,
 ) -> Iterator[RunScene]:
-    """Yield the runs of a sensor; `assumed` (c,) is by how much noise that nobody tells is larger than the bench's."""
+    """Yield the runs of a sensor; `assumed` by how much of each (c,) noise that nobody tells is larger than usual."""
     usual = f"angle_random_walk {bench.uncertainties.angle_random_walk:g} deg/√hr over the collect"
     measured = collects.rows(~np.all(np.isnan(collects.rates_deg_per_hr), axis=1))
     for run, here in measured.conditions.of_each_run.items():
@@ -129,7 +133,7 @@ def _measured_runs(
             sigma, noisy = np.ones(sigma.shape), shown.left_deg_per_hr  # all weigh alike
             noise_by = "residuals of all runs; no errors are stated"
         elif shown is not None:
-            shown = shown if assumed is None else replace(shown, noise_times=assumed)
+            shown = shown if assumed is None else replace(shown, noise_times=assumed[run])
             noisy, noise_by = shown.noise_times, shown.noise_by(noise_by)
         given = sources(bench.uncertainties, bench.name, *_slope(conditions), noise_by)
         base, origin = _base(conditions, model) if model is not None else _solved(rows, form)

@@ -9,6 +9,8 @@ import pytest
 
 from hil.campaign import Campaign, Collects
 from hil.solve import repeats, solve_campaign
+from hil.solve.beside_terms import beside_usual
+from tests.hil.analysis.thermal.nights import triad_night
 from tests.hil.solve.runs_of_a_unit import campaign as runs_at_their_temperatures
 from tests.hil.solve.runs_of_a_unit import repeated, with_rates
 
@@ -146,3 +148,17 @@ def test_intervals_of_means_of_rates_without_errors_hold_the_units_model(
         for mean in repeats(made, solve_campaign(made))[2].means:
             inside += [abs(of.value - truth[name]) <= of.half_width for name, of in mean.values.items()]
     assert low <= np.mean(inside) <= high
+
+
+def test_noise_that_only_repeats_tell_is_larger_where_it_is_larger() -> None:
+    """Four poses leave a triad no residuals: at 1.2 in the cold and .3 elsewhere the usual .93 had stood at both."""
+    rng = np.random.default_rng(5)
+    rows = triad_night(rng, {}).sensors[1].rows(np.arange(96) % 6 < 4)
+    cold = rows.conditions.run <= 8
+    conditions = replace(rows.conditions, columns={"temperature_degC": np.where(cold, -20.0, 40.0)})
+    noise = np.where(cold, 1.2, 0.3)[:, None]
+    rates = noise * rng.normal(size=rows.rates_deg_per_hr.shape)
+    made = Campaign("bare", "", {1: Collects(conditions, rates, np.full(rates.shape, np.nan))})
+    shown = repeats(made, solve_campaign(made))
+    campaign, *_ = beside_usual(made, shown, lambda of: np.full(of.w_channels_deg_per_hr.shape, 0.93))
+    np.testing.assert_allclose(campaign.sensors[1].rates_se_deg_per_hr / noise, 1.0, rtol=0.4)
