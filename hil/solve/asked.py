@@ -11,7 +11,7 @@ from scipy.special import logsumexp
 from hil.campaign import FloatArray, IntArray
 from hil.model.effects.data import of_a_run, put_right
 from hil.model.effects.prior import COMMON, log_sum
-from hil.solve.causes import ODDS, TOLD, WIDE, Cause, Runs, Tried, Ways, made_again, some_of
+from hil.solve.causes import ODDS, OWN, TOLD, WIDE, Cause, Runs, Tried, Ways, made_again, some_of
 from hil.solve.whitened import Whitened
 
 DOUBTED = 0.5
@@ -45,11 +45,14 @@ class OtherSensor:
 class Asked:
     """What may be wrong with whitened rates, each with its log odds before the data and the squares that it leaves.
 
-    `beside` is what another sensor shows in the same collects; runs in `own_bias` may have a bias of their own.
+    `beside` is what another sensor shows in the same collects; runs that are `apart` have a bias, B, or MU of
+    their own.
     """
 
-    def __init__(self, rates: Whitened, own_bias: Collection[int] = (), beside: OtherSensor | None = None) -> None:
-        self.rates, self._own_bias, self._beside = rates, own_bias, beside
+    def __init__(
+        self, rates: Whitened, apart: Collection[tuple[int, str]] = (), beside: OtherSensor | None = None
+    ) -> None:
+        self.rates, self._apart, self._beside = rates, apart, beside
 
     @property
     def times(self) -> float:
@@ -72,7 +75,7 @@ class Asked:
             return nothing, found
         told, runs = [(log_whole, nothing, found)], {cause.run for causes, p in found if p > _SOME for cause in causes}
         for log_odds, rates in self.rates.louder(runs):
-            log_whole, nothing, found = Asked(rates, self._own_bias, self._beside)._weighed(run)
+            log_whole, nothing, found = Asked(rates, self._apart, self._beside)._weighed(run)
             told.append((log_odds + log_whole, nothing, found))
         whole = logsumexp([log for log, *_ in told])
         weighed = [(float(np.exp(log - whole)), nothing, found) for log, nothing, found in told]
@@ -118,7 +121,7 @@ class Asked:
         for one, i in [*first.values()][:_FIRST]:
             known, moved = one.one(i), np.zeros(0) if one.moved is None else one.moved[i]
             rates = self.rates.moved(known.run, moved, float(one.left[i]))
-            for other in Asked(rates, self._own_bias, self._beside)._tried():
+            for other in Asked(rates, self._apart, self._beside)._tried():
                 yield some_of(other, other.runs != known.run).ways((known,), float(one.log_odds[i]))
 
     def _twice(self, singly: Sequence[Tried]) -> Iterator[Ways]:
@@ -192,7 +195,7 @@ class Asked:
         runs, many = [*Runs.of(self.rates, every)], len(every)
         of = {"rate": n * channels, "collect": n, "exchanged": max(sum(int(each.may_be.sum()) for each in runs), 1)}
         of |= {what: many * count for what, count in Counter(what for what, _ in of_a_run(channels)).items()}
-        of |= {"sensors": many, "run": many, "bias": many * (channels + (channels > 1))}
+        of |= {"sensors": many, "run": many, **dict.fromkeys(OWN, many * (channels + (channels > 1)))}
         log_odds = {what: float(np.log(ODDS[what] / places)) for what, places in of.items()}
         for each in runs:
             likelier = self._evidence(self.rates.squares - each.most) - self.as_filed
@@ -213,7 +216,9 @@ class Asked:
             told = some_of(runs, runs.known[..., some].sum(axis=(1, 2)) > 1)
             yield from told.otherwise(what, put_right(told.measured, what, some), some)
         if many > 1:
-            yield from some_of(runs, ~np.isin(runs.runs, [*self._own_bias])).of_its_own()
+            for tried in runs.of_its_own():
+                known = [(run, OWN[tried.what]) in self._apart for run in tried.runs.tolist()]
+                yield some_of(tried, ~np.array(known, dtype=np.bool_))
             yield from runs.anywhere("run", np.eye(runs.free.shape[1]))
         if beside is not None:
             for tried in runs.otherwise("sensors", beside.rates[runs.rows]):

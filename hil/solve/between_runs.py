@@ -15,7 +15,8 @@ scatter more at one temperature, and nothing explains it, its runs contradict ea
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 from typing import Self
 
 import numpy as np
@@ -71,6 +72,7 @@ class BetweenRuns:
     recorded, which may be what jumps. `uneven` are those at a temperature at which a parameter scatters more than at
     others, and nothing tells why. `of_visits` are parameters that differ between visits to a temperature. `agrees`
     says whether values repeat where the setpoint or where the thermometer is the same, if these contradict each other.
+    `another` are by parameter runs of which rates say that it was another, where nothing explains it.
     """
 
     follow: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
@@ -79,17 +81,19 @@ class BetweenRuns:
     uneven: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
     of_visits: Sequence[str] = ()
     agrees: Sequence[str] = ()
+    another: Mapping[str, frozenset[int]] = field(default_factory=dict)
 
     @property
-    def alone(self) -> Mapping[str, int]:
-        """Return by parameter the run in which alone it is another: no mean has it, nor what repeats scatter by."""
-        return {name: jump.before for name, jump in self.jumps.items() if jump.before == jump.after}
+    def alone(self) -> Mapping[str, frozenset[int]]:
+        """Return by parameter the runs in which alone it is another: no mean has them, nor what repeats scatter by."""
+        steps = {name: {jump.before} for name, jump in self.jumps.items() if jump.before == jump.after}
+        return {n: frozenset(steps.get(n, ())) | self.another.get(n, frozenset()) for n in {*steps, *self.another}}
 
     @property
     def lasting(self) -> list[str]:
         """Return the parameters of which runs of one visit have the same in common: what ages, jumps or is history."""
         ages = (name for name, columns in self.follow.items() if {TIME, WAY} & {*columns})
-        steps = (name for name in self.jumps if name not in self.alone)
+        steps = (name for name, jump in self.jumps.items() if jump.before != jump.after)
         return list(dict.fromkeys([*ages, *steps, *self.of_visits]))
 
     @property
@@ -116,7 +120,8 @@ class BetweenRuns:
     def judged(self) -> dict[int, Judgement]:
         """Return by run the judgement that it has at best: others, across a jump, contradict it."""
         found = {}
-        for run in sorted({run for of in (*self.apart.values(), *self.uneven.values()) for run in of}):
+        every = *self.apart.values(), *self.uneven.values(), *self.another.values()
+        for run in sorted({run for of in every for run in of}):
             said = self._jumps(name for name, of in self.apart.items() if run in of)
             alike = dict[tuple[int, ...], list[str]]()
             for name, of in self.uneven.items():
@@ -127,6 +132,8 @@ class BetweenRuns:
                 f"more than at others{ASKS}"
                 for of, names in alike.items()
             ]
+            own = [name for name, of in self.another.items() if run in of]
+            said += [f"{listed(own)} of the run is in no mean"] if own else []
             found[run] = Judgement(Verdict.MARGINAL, "; ".join(said))
         return found
 
@@ -148,11 +155,17 @@ def _where(before: int, after: int, alone: bool) -> str:
 
 
 def between_runs(
-    units: Mapping[str, str], runs: Sequence[int], values: FloatArray, errors: FloatArray, conditions: Conditions
+    units: Mapping[str, str],
+    runs: Sequence[int],
+    values: FloatArray,
+    errors: FloatArray,
+    conditions: Conditions,
+    another: Mapping[str, frozenset[int]] = MappingProxyType({}),
 ) -> BetweenRuns:
     """Return what explains what values (r, p) of runs differ by, NaN where not told, with standard errors (r, p).
 
-    `units` are those of the parameters, `conditions` those of all their collects.
+    `units` are those of the parameters, `conditions` those of all their collects; `another` are by parameter runs of
+    which it is known that it was another.
     """
     begins_s = {run: float(np.min(conditions.start_s[rows])) for run, rows in conditions.of_each_run.items()}
     in_time = np.argsort([begins_s[run] for run in runs], kind="stable")
@@ -182,6 +195,10 @@ def between_runs(
                     if told_by(conditions) is not None:
                         apart[name] = tuple(number[here[step.runs]].tolist())
         places = [(jump.before, jump.after) for jump in jumps.values()] if places is None else []
+    if unexplained := {name: of for name, of in another.items() if name not in {*follow, *jumps}}:
+        out = np.array([[run in unexplained.get(name, ()) for name in units] for run in number.tolist()])
+        rest = between_runs(units, number.tolist(), np.where(out, np.nan, values), errors, conditions)
+        return replace(rest, another=unexplained)
     of_visits = [name for name, more in zip(units, differ, strict=True) if more]
     uneven = dict[str, tuple[int, ...]]()
     for p, name in enumerate(units):

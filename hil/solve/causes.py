@@ -19,9 +19,12 @@ ODDS = {
     "turned": 0.005,
     "all turned": 0.00025,
     "bias": 0.02,
+    "MU": 0.02,
     "run": 0.02,
 }
 """Prior odds that a campaign has one of a kind; the search has these, too."""
+OWN = {"bias": "B", "MU": "MU"}
+"""What a run may have of its own, so that nothing is wrong with its rates, and how the names of that begin."""
 AS_IT_LAY = float(np.log(1e4))
 """Log odds that labels are exchanged where the unit's accelerometers say so, rather than that these are wrong."""
 MOSTLY = float(np.log(COMMON / (1.0 - COMMON)))
@@ -32,6 +35,7 @@ WIDE = 30.0
 """Standard errors that what is wrong is off by, unless it is more."""
 TOLD = 1e-3
 """Of a rate: where the others leave less, nothing tells what it should be."""
+_FELT = 0.1  # of what MU does to the rate that it moves most
 _Several = TypeVar("_Several", "Tried", "Runs")
 
 
@@ -39,8 +43,8 @@ _Several = TypeVar("_Several", "Tried", "Runs")
 class Cause:
     """One thing that may be wrong with a run: what, in which `rows` (k,), of some `channels` or, empty, of all.
 
-    `off` is by how much, deg/hr, its first row is off in each channel, (c,); nothing where that is no matter. `instead`
-    are the rates (k, c) of its rows that the other sensor shows, where the two were exchanged.
+    `off` is by how much, deg/hr, the row that is off most is in each channel, (c,); nothing where that is no matter.
+    `instead` are the rates (k, c) of its rows that the other sensor shows, where the two were exchanged.
     """
 
     what: str
@@ -55,7 +59,7 @@ class Cause:
         """What it is one with: a collect of which a rate is wrong is a wrong collect, and a bias is its run's."""
         if self.what in ("rate", "collect"):
             return (self.run, self.rows)
-        return (self.what, self.run, self.rows, None if self.what == "bias" else self.channels)
+        return (self.what, self.run, self.rows, None if self.what in OWN else self.channels)
 
 
 Ways = tuple[FloatArray, FloatArray, Callable[[int], tuple[Cause, ...]]]
@@ -107,7 +111,7 @@ class Runs:
     """Rates (m, k, c) of `runs` (m,) that have as many `rows` (m, k): what a change of them leaves of the squares.
 
     `free` (m, k·c, k·c) and `apart` (m, k·c) are what squares and products of a change add, `may_be` (m, p) the pairs
-    of collects, of different positions, that may be exchanged.
+    of collects, of different positions, that may be exchanged, `mu` (m, k·c, q) what MU of a run does to its rates.
     """
 
     squares: float
@@ -119,6 +123,7 @@ class Runs:
     free: FloatArray
     apart: FloatArray
     may_be: BoolArray
+    mu: FloatArray
 
     @classmethod
     def of(cls, rates: Whitened, runs: Collection[int]) -> Iterator[Self]:
@@ -131,7 +136,8 @@ class Runs:
             free, apart = (np.array(each) for each in zip(*map(rates.of, own), strict=True))
             measured = np.where(known := rates.known[rows], rates.collects.rates_deg_per_hr[rows], np.nan)
             may_be = position[rows[:, i]] != position[rows[:, j]]
-            yield cls(rates.squares, np.array(own), rows, known, rates.weight[rows], measured, free, apart, may_be)
+            mu = np.array([rates.own(run, "MU") for run in own])
+            yield cls(rates.squares, np.array(own), rows, known, rates.weight[rows], measured, free, apart, may_be, mu)
 
     @property
     def most(self) -> FloatArray:
@@ -149,7 +155,7 @@ class Runs:
             yield from some_of(self, self.known[:, row].sum(axis=1) > 1).anywhere("collect", own, (), row)
 
     def of_its_own(self) -> Iterator[Tried]:
-        """Yield another bias of each channel, and of all: a unit that is switched on anew has."""
+        """Yield another bias of each channel, and of all: a unit that is switched on anew has. And another MU."""
         level = self.weight / np.maximum(self.weight.max(axis=1, keepdims=True), 1e-12)
         columns = (level[..., None] * np.eye(level.shape[2])).reshape(*self.apart.shape, -1)
         for c in range(level.shape[2]):
@@ -157,6 +163,11 @@ class Runs:
             yield from some_of(self, told).anywhere("bias", columns[told][..., [c]], (c,))
         if level.shape[2] > 1:
             yield from self.anywhere("bias", columns)
+        if self.mu.shape[2]:
+            moved = self.mu / np.maximum(np.abs(self.mu).max(axis=(1, 2), keepdims=True), 1e-12)
+            felt = (np.abs(moved) > _FELT).sum(axis=(1, 2)) > moved.shape[2]  # else one rate tells it, and is wrong
+            for some in (np.s_[:1], np.s_[1:], np.s_[:]):
+                yield from some_of(self, felt).anywhere("MU", moved[felt][..., some])
 
     def anywhere(
         self, what: str, columns: FloatArray, channels: tuple[int, ...] = (), row: int = -1
@@ -164,11 +175,12 @@ class Runs:
         """Yield a cause along columns (k·c, q), or (m, k·c, q), of one row or of all; what it pays for that."""
         across = np.swapaxes(columns, -1, -2)
         size, off, directions = _along(across @ self.free @ columns, (across @ self.apart[..., None])[..., 0])
+        row_of_most = np.abs(columns).sum(axis=-1).reshape(-1, *self.known.shape[1:]).sum(axis=(0, 2)).argmax()
         wide = np.maximum(off**2, WIDE**2) * size
         left = self.squares - np.sum(off**2 * size * wide / (1.0 + wide), axis=1)
-        first = np.s_[:, max(row, 0)]
-        by = (columns @ (directions @ off[..., None])).reshape(self.known.shape)[first]
-        tried = self._tried(what, channels, left, off=by / np.maximum(self.weight[first], 1e-12))
+        most = np.s_[:, row if row >= 0 else row_of_most]
+        by = (columns @ (directions @ off[..., None])).reshape(self.known.shape)[most]
+        tried = self._tried(what, channels, left, off=by / np.maximum(self.weight[most], 1e-12))
         tried = replace(tried, log_odds=-0.5 * np.log1p(wide).sum(axis=1))
         yield some_of(tried if row < 0 else replace(tried, place=tried.place[:, [row]]), np.any(size, axis=1))
 

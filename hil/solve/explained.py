@@ -21,14 +21,14 @@ import numpy as np
 from hil.campaign import Collects, FloatArray
 from hil.model.effects.data import put_right
 from hil.solve.asked import DOUBTED, Asked, OtherSensor
-from hil.solve.causes import AS_IT_LAY, MOSTLY, Cause
+from hil.solve.causes import AS_IT_LAY, MOSTLY, OWN, Cause
 from hil.solve.whitened import Whitened, whitened
 
 SURE, CERTAIN = 0.99, 0.95
 """Probability from which what is the likeliest is done: at once, and where nothing else need be."""
 HARDLY = 0.05
 """And of nothing being wrong, below which something is."""
-OF_THE_RUN = ("bias", "run")
+OF_THE_RUN = (*OWN, "run")
 """Causes that are a whole run's: none of its rates is mended or left out."""
 LISTED = 0.05
 """Probability of what is said beside others."""
@@ -119,12 +119,12 @@ def explanations(
 
 @dataclass(frozen=True)
 class _Left:
-    """What is left of collects when some causes are known: runs that say nothing of others, runs of their own bias."""
+    """What is left of collects when some causes are known: runs that say nothing of others, and of their own what."""
 
     collects: Collects
     beside: OtherSensor | None
     silent: frozenset[int]
-    own_bias: frozenset[int] = frozenset()
+    apart: frozenset[tuple[int, str]] = frozenset()
     _without: dict[Cause, Self] = field(default_factory=dict, init=False)
     _wrong: dict[tuple[frozenset[int], int | None], Explained | None] = field(default_factory=dict, init=False)
 
@@ -138,7 +138,7 @@ class _Left:
         left = replace(self, collects=mended(self.collects, cause))
         if cause.what == "run":
             return replace(left, silent=self.silent | {cause.run})
-        return replace(left, own_bias=self.own_bias | {cause.run}) if cause.what == "bias" else left
+        return replace(left, apart=self.apart | {(cause.run, OWN[cause.what])}) if cause.what in OWN else left
 
     def wrong(self, unsure: Collection[int], run: int | None = None) -> Explained | None:
         """Return what is wrong with runs of which it may be told, or with one `run`; None for nothing.
@@ -155,15 +155,15 @@ class _Left:
         if not told.any():
             return None
         rows = np.flatnonzero(told)
-        left, own_bias = self.collects.rows(told), self.own_bias
+        left, apart = self.collects.rows(told), self.apart
         beside = self.beside and replace(self.beside, rates=self.beside.rates[rows])
-        asked = Asked(whitened(left, own_bias), own_bias, beside)
+        asked = Asked(whitened(left, apart), apart, beside)
         nothing, found = asked.weighed(run)
         no_error = asked.rates.stated and asked.times > _NO_ERROR
         for cause in found[0][0] if found and no_error else ():
             left = mended(left, cause)
         # Nor is what the likeliest leaves as far from any error explained by it.
-        if nothing > DOUBTED or (nothing > HARDLY and no_error and Asked(whitened(left, own_bias)).times > _NO_ERROR):
+        if nothing > DOUBTED or (nothing > HARDLY and no_error and Asked(whitened(left, apart)).times > _NO_ERROR):
             return Explained(None, (), asked.times, 0.0) if no_error else None
         every = _by_place(found)
         likeliest = max(every, key=lambda each: every[each], default=())

@@ -120,8 +120,8 @@ class SensorRepeats:
 
     def runs_of(self, mean: MeanAt, name: str) -> tuple[int, ...]:
         """Return the runs that the mean of one parameter holds: those of the mean that could tell it."""
-        but = self.between.alone.get(name)
-        return tuple(run for run in mean.runs if name in self.of_each.get(run, ()) and run != but)
+        but = self.between.alone.get(name, ())
+        return tuple(run for run in mean.runs if name in self.of_each.get(run, ()) and run not in but)
 
     def where(self, mean: MeanAt) -> dict[str, Any]:
         """Return of which temperature a mean is, whose that is, and what the unit's own thermometer showed."""
@@ -319,7 +319,7 @@ def _of_sensor(
     telling = [e for e in own if e.settled] or own  # what moved inside a run that had not is no noise of others
     noise, known_by = noise_left([each.left_over for each in telling], len(channels))
     units, values, errors = told_by_runs(own, noise)
-    values[np.array([[own[0].between.alone.get(name) == e.runs[0] for name in units] for e in own])] = np.nan
+    values[np.array([[e.runs[0] in own[0].between.alone.get(name, ()) for name in units] for e in own])] = np.nan
     group = np.array([next((k for k, (_, runs) in enumerate(at) if each.runs[0] in runs), -1) for each in own])
     visited = [degC for degC, _ in visits(conditions) if degC is not None]
     told = {e.runs[0]: e.settled for e, known in zip(own, np.isfinite(values), strict=True) if known.any()}

@@ -164,7 +164,7 @@ def solve_campaign(campaign: Campaign, model_name: str | None = None, sensor: in
             units, values, errors = told_by_runs(told, noise)
             errors *= [[beside.differ.larger_in(each.runs).max()] for each in told]
             first = [each.runs[0] for each in told]
-            between = between_runs(units, first, values, errors, used[number].conditions)
+            between = between_runs(units, first, values, errors, used[number].conditions, wrong.another)
         contradicted = between.judged
         for each in own:  # by how well its collects tell it, too, of this noise where they state none, or far too much
             own_errors = {

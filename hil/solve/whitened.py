@@ -49,18 +49,18 @@ _TOLD = 1e-3  # of what a run's bias or MU shows: where others leave less, they 
 class Whitened:
     """Rates (n, c) of one sensor, in standard errors, which are `known`, and the `weight` that made them so.
 
-    `squares` is the sum over what is left of them, `freedom` its degrees. Of the bias of runs in `own_bias` those of
-    others say nothing. `stated`: whether all rates have standard errors; otherwise all are 1 deg/hr.
+    `squares` is the sum over what is left of them, `freedom` its degrees. Of the bias, B, or MU of runs in `apart`
+    those of others say nothing. `stated`: whether all rates have standard errors; otherwise all are 1 deg/hr.
     """
 
-    def __init__(self, collects: Collects, own_bias: Collection[int] = ()) -> None:
-        self._lay(collects, own_bias, np.ones(collects.rates_deg_per_hr.shape))
+    def __init__(self, collects: Collects, apart: Collection[tuple[int, str]] = ()) -> None:
+        self._lay(collects, apart, np.ones(collects.rates_deg_per_hr.shape))
         if np.any((level := self._noisier()) > 1.0):  # what is noisier tells less, whatever its errors say
-            self._lay(collects, own_bias, level)
+            self._lay(collects, apart, level)
 
-    def _lay(self, collects: Collects, own_bias: Collection[int], level: FloatArray) -> None:
+    def _lay(self, collects: Collects, apart: Collection[tuple[int, str]], level: FloatArray) -> None:
         conditions, rates, se = collects.conditions, collects.rates_deg_per_hr, collects.rates_se_deg_per_hr
-        self.collects, self._own_bias, self._level = collects, own_bias, level
+        self.collects, self._apart, self._level = collects, apart, level
         self.known = np.isfinite(rates)
         self.stated = bool(np.all(se[self.known] > 0.0))
         variance = level**2 * (se**2 if self.stated else np.ones(se.shape))
@@ -69,7 +69,7 @@ class Whitened:
         self.weight = np.where(self.known, 1.0 / errors, 0.0)
         form = default_form(conditions)
         columns = form.columns(conditions) * self.weight[..., None]
-        of_run, bias = (np.array([name.startswith(of) for name in form.names]) for of in (("B", "MU"), "B"))
+        of_run, bias, mu = (np.array([n.startswith(of) for n in form.names]) for of in (("B", "MU"), "B", "MU"))
         self._names = [*compress(form.names, of_run)]
         own, steady = columns[..., of_run], columns[..., ~of_run]
         seen = np.where(self.known, rates - conditions.w_channels_deg_per_hr, 0.0) * self.weight
@@ -82,7 +82,7 @@ class Whitened:
         self._own = {run: flattened(own[rows]) for run, rows in self._runs.items()}
         left = {}  # the covariance that is expected of what it keeps
         for run, rows in self._runs.items():
-            free = (of_run & (scatter is None)) | (bias & (run in own_bias))
+            free = (of_run & (scatter is None)) | (bias & ((run, "B") in apart)) | (mu & ((run, "MU") in apart))
             every = flattened(columns[rows])
             basis = orthonormal(every[:, free])
             keeps, covariance = np.eye(len(basis)) - basis @ basis.T, np.diag(self.known[rows].reshape(-1) * 1.0)
@@ -127,7 +127,7 @@ class Whitened:
         odds = float(np.log(_LOUDER / len(_TIMES) / len(self._at)))
         for own, times in product(told if len(self._at) > 1 else (), _TIMES):
             out = copy(self)
-            out._lay(self.collects, self._own_bias, self._level * np.where(own, times, 1.0)[:, None])
+            out._lay(self.collects, self._apart, self._level * np.where(own, times, 1.0)[:, None])
             there = np.unique(self.collects.conditions.run[own]).tolist()
             free = [sum(each._freedom_of[run] for run in there) for each in (self, out)]
             yield odds - 0.5 * sum(free) * float(np.log(times)), out
@@ -167,6 +167,10 @@ class Whitened:
     def shown(self, run: int) -> FloatArray:
         """Return what of changes to a run's rates all runs show together, (q, k·c)."""
         return np.asarray(flattened(self._shown[self._runs[run]]).T @ self._keeps[run])
+
+    def own(self, run: int, kind: str) -> FloatArray:
+        """Return what values of a run's own, those of which the names begin so, do to its rates, (k·c, q)."""
+        return self._own[run][:, [name.startswith(kind) for name in self._names]]
 
     @property
     def alone(self) -> Mapping[int, tuple[str, ...]]:
@@ -210,9 +214,9 @@ def _noisier(times: FloatArray, freedom: FloatArray) -> FloatArray:
 _once = lru_cache(maxsize=4)(Whitened)
 
 
-def whitened(collects: Collects, own_bias: frozenset[int] = frozenset()) -> Whitened:
+def whitened(collects: Collects, apart: frozenset[tuple[int, str]] = frozenset()) -> Whitened:
     """Return them of collects, once for whoever asks: the sensor itself, the other one, and for what nobody sees."""
-    return _once(collects, own_bias)
+    return _once(collects, apart)
 
 
 def place_in_each_run(conditions: Conditions) -> IntArray:

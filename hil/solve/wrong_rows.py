@@ -22,7 +22,7 @@ from hil.campaign.laws import FIXTURE_G, from_the_usual_g
 from hil.campaign.plausibility import accelerations_g, clipped, unclipped
 from hil.model.forms import default_form
 from hil.solve.asked import OtherSensor
-from hil.solve.causes import Cause, all_of
+from hil.solve.causes import OWN, Cause, all_of
 from hil.solve.explained import HARDLY, Explained, Together, beyond_others, lost, mended
 from hil.solve.least_squares import solve
 from hil.solve.precision import stated_noise, with_every_error
@@ -42,6 +42,7 @@ _DONE = {
         "; the whole run is off by the same: its bias was another",
         "",
     ),
+    "MU": (USED, Verdict.MARGINAL, "; the whole run is off as MU moves it: its MU was another", ""),
     "run": (
         LEFT_OUT,
         Verdict.INCONCLUSIVE,
@@ -93,6 +94,7 @@ class WrongRows:
     by less does not show; None among more. `may_be` are two that explain best what is not certain, and `likeliest` the
     collects without that, too: nothing is solved by them, a search starts there. `other` is what another sensor shows.
     `off_deg_per_hr` is how far each rate that is left out is from what all others show, by run, collect and channel.
+    `another` are by parameter the runs of which the bias or MU was another.
     """
 
     collects: Collects
@@ -105,6 +107,7 @@ class WrongRows:
     likeliest: Collects
     other: OtherSensor | None
     off_deg_per_hr: Mapping[tuple[int, int, str], float]
+    another: Mapping[str, frozenset[int]]
 
 
 def wrong_rows(campaign: Campaign) -> dict[int, WrongRows]:
@@ -169,7 +172,21 @@ def _told(together: Together, k: int, known: Sequence[Wrong], failed: Set[int]) 
         likeliest = mended(likeliest, cause)
     alone, seen_from = beyond_others(collects, {*failed, *(run for each in found for run in each.used)})
     off = {at: by for each in found if each.leaves_out and each.likeliest for at, by in _off(filed, each.likeliest)}
-    return WrongRows(collects, tuple(rows), every, alone, lost(found), seen_from, tuple(may_be), likeliest, other, off)
+    another: dict[str, frozenset[int]] = {}
+    for name, run in (at for each in found if each.likeliest is not None for at in _another(filed, each.likeliest)):
+        another[name] = another.get(name, frozenset()) | {run}
+    lost_runs, hiding = lost(found), tuple(may_be)
+    return WrongRows(collects, tuple(rows), every, alone, lost_runs, seen_from, hiding, likeliest, other, off, another)
+
+
+def _another(filed: Collects, cause: Cause) -> Iterator[tuple[str, int]]:
+    """Yield the parameters of a run that were others, with the run."""
+    if cause.what in OWN:
+        form, channels = default_form(filed.conditions), np.abs(cause.off) > _TOLD
+        moved = np.any(form.columns(filed.conditions)[list(cause.rows)][:, channels], axis=(0, 1))
+        for name, moves in zip(form.names, moved.tolist(), strict=True):
+            if moves and name.startswith(OWN[cause.what]):
+                yield name, cause.run
 
 
 def _off(filed: Collects, cause: Cause) -> Iterator[tuple[tuple[int, int, str], float]]:
@@ -269,8 +286,11 @@ def cause_in_words(collects: Collects, cause: Cause) -> str:
     own = listed(names[c] for c in cause.channels or range(len(names)))
     named = numbered("collect", collect)
     at = f", at positions {' and '.join(conditions.position[list(cause.rows)].tolist())}, look exchanged"
-    if cause.what in ("rate", "collect", "bias"):
-        off = [f"{name} is {by:+.4g} deg/hr" for name, by in zip(names, cause.off, strict=True) if abs(by) > _TOLD]
+    if cause.what in ("rate", "collect", *OWN):
+        up_to = "up to " * (cause.what == "MU")
+        off = [
+            f"{name} is {up_to}{by:+.4g} deg/hr" for name, by in zip(names, cause.off, strict=True) if abs(by) > _TOLD
+        ]
         return f"{named}: {' and '.join(off)}{_FROM}"
     return {
         "exchanged": f"{named}{at}",

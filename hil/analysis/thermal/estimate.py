@@ -10,10 +10,11 @@ uncertain as it is large.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
+from types import MappingProxyType
 
 import numpy as np
 from scipy.special import stdtrit
@@ -68,9 +69,9 @@ class Layout:
     """The rows of one sensor with its columns: `columns` (n, c, p) of the form, and how temperature enters.
 
     `middle_degC` and `half_degC` scale temperature to -1 … 1 for polynomials. `factor` (p,) is what standard errors are
-    times, `residuals` (p,) the degrees of freedom of that, `common` (p,) what is the same in every run and `alone` (p,)
-    the run that is another, NaN for none, as `hil solve` has them; `spread` is that of all runs, where temperatures are
-    left out.
+    times, `residuals` (p,) the degrees of freedom of that, `common` (p,) what is the same in every run and `alone` by
+    name the runs that are others, as `hil solve` has them; `spread` is that of all runs, where temperatures are left
+    out.
     """
 
     collects: Collects
@@ -82,7 +83,7 @@ class Layout:
     factor: FloatArray | float = 1.0
     residuals: FloatArray | float = math.inf
     common: FloatArray | float = 0.0
-    alone: FloatArray | float = math.nan
+    alone: Mapping[str, Collection[int]] = field(default_factory=dict)
     spread: Spread | None = None
 
     @cached_property
@@ -126,7 +127,8 @@ class Visits:
         self.layout = layout
         self.values, stated = np.array([each.values for each in found]), np.array([each.se for each in found])
         first = [here[0] for here in rows]
-        self.values[conditions.run[first][:, None] == np.asarray(layout.alone)] = np.nan
+        apart = [np.isin(conditions.run[first], [*layout.alone.get(name, ())]) for name in layout.form.names]
+        self.values[np.array(apart).T] = np.nan
         self.station = layout.stations.number[first]
         self.direction = layout.stations.direction[first] * layout.hysteresis
         self.temperature_degC = np.array([layout.temperature_degC[here].mean() for here in rows])
@@ -236,11 +238,12 @@ def layout_of(
     apart_degC: float | None,
     factor_of: Mapping[str, Sequence[float]],
     as_zero: Sequence[str] = (),
+    alone: Mapping[str, Collection[int]] = MappingProxyType({}),
 ) -> tuple[Layout, list[str]]:
     """Choose the form and the rows: temperatures at which no run tells every parameter are left out.
 
-    `factor_of` has by parameter what its standard errors are times, the degrees of freedom of that, what is common, and
-    the run that alone is another.
+    `factor_of` has by parameter what its standard errors are times, the degrees of freedom of that, and what is common;
+    `alone` the runs that are others.
     What is `as_zero` is in no form. Raises `InputError` where fewer than three temperatures are left.
     """
     notes: list[str] = []
@@ -258,9 +261,7 @@ def layout_of(
     form = form.without(as_zero)
     if form.reason:
         notes.append(f"sensor {number}: {form.reason}")
-    factor, residuals, common, alone = np.array(
-        [factor_of.get(name, (1.0, math.inf, 0.0, math.nan)) for name in form.names]
-    ).T
+    factor, residuals, common = np.array([factor_of.get(name, (1.0, math.inf, 0.0)) for name in form.names]).T
     columns, run, rates = form.columns(collects.conditions), collects.conditions.run, 0.0 * collects.rates_deg_per_hr
     ranks = {
         r: solve_rates(columns[rows], rates[rows], 1.0).rank for r, rows in collects.conditions.of_each_run.items()

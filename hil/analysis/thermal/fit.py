@@ -121,11 +121,10 @@ class SensorFit:
         number = collects.conditions.sensor.number
         if not shown.stated and np.isfinite(shown.left_deg_per_hr).all():
             collects = replace(collects, rates_se_deg_per_hr=shown.noise(collects.rates_se_deg_per_hr))
-        alone = np.array([shown.between.alone.get(name, np.nan) for name in shown.names])
-        of_errors = shown.spread.factor, shown.spread.residuals, shown.spread.common, alone
+        of_errors = shown.spread.factor, shown.spread.residuals, shown.spread.common
         known = np.stack(np.broadcast_arrays(*of_errors), axis=1)
         factor_of = dict(zip(shown.names, known.tolist(), strict=True))
-        layout, notes = layout_of(number, collects, model, apart_degC, factor_of, as_zero)
+        layout, notes = layout_of(number, collects, model, apart_degC, factor_of, as_zero, shown.between.alone)
         seen = Visits(layout)
         free, centre_degC = [seen.free(place) for place in range(len(layout.form.names))], layout.stations.centre_degC
         compared = [

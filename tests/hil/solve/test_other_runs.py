@@ -10,7 +10,7 @@ import pytest
 
 from hil.campaign import Collects, FloatArray
 from hil.campaign.plausibility import judged_by_its_records
-from hil.solve import solve_campaign
+from hil.solve import repeats, solve_campaign
 from hil.solve.whitened import Whitened
 from hil.solve.wrong_rows import LEFT_OUT, USED, wrong_rows
 from procedures.verdict import Verdict
@@ -105,6 +105,32 @@ def test_a_run_with_another_bias_is_marginal(runs: int, off: float) -> None:
     found = wrong_rows(with_rates(made, rates))[2].judged
     assert {run: each.verdict for run, each in found.items()} == {5: Verdict.MARGINAL}
     assert "its bias was another" in found[5].reason
+
+
+def test_a_run_with_another_mu_is_marginal_and_used() -> None:
+    """By 60 deg/hr/g it was left out, as off in what neither a bias nor MU moves; by 30 it was not."""
+    made = repeated(12, 3, (0, 1, 2, 2))
+    rows = made.sensors[2]
+    mu = 60.0 * (rows.conditions.run == 5)[:, None] * rows.conditions.f_g[:, 2:]
+    found = wrong_rows(with_rates(made, rows.rates_deg_per_hr + mu * [1.0, 0.0]))[2]
+    assert [(row.run, row.done) for row in found.rows] == [(5, USED)]
+    assert "its MU was another" in found.judged[5].reason
+    assert found.another == {"MUB": {5}}
+
+
+@pytest.mark.parametrize("kind", ["BA", "MUB"])
+def test_two_runs_that_are_others_are_in_no_mean(kind: str) -> None:
+    """What runs scatter by had them in it, for no one jump explains two: ± 17 deg/hr on all, where 2 was true."""
+    made = repeated(24, 3, (0, 1, 2, 2))
+    rows = made.sensors[2]
+    by = 60.0 * np.isin(rows.conditions.run, [5, 17]) * (1.0 if kind == "BA" else rows.conditions.f_g[:, 2])
+    torn = with_rates(made, rows.rates_deg_per_hr + by[:, None] * [1.0, 0.0])
+    shown, sound = (repeats(of, solve_campaign(of))[2] for of in (torn, made))
+    place = shown.names.index(kind)
+    assert shown.between.alone[kind] == {5, 17}
+    assert shown.spread.observed[place] < 1.5 * sound.spread.observed[place]
+    for mean in shown.means:
+        assert shown.runs_of(mean, kind) == tuple(run for run in mean.runs if run not in (5, 17))
 
 
 def test_a_run_at_another_heading_is_no_other_and_one_whose_w_says_so_falsely_is() -> None:
