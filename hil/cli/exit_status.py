@@ -94,7 +94,7 @@ def run_to_exit(application: Callable[[], object]) -> int:
         application()
     except SystemExit as ending:
         if ending.code == _FROM_THE_KEYBOARD:
-            return _say(_STOPPED, Exit.FAILED)
+            return _say(_stopped(ending), Exit.FAILED)
         return int(ending.code or Exit.DONE)
     except Damaged as error:
         return _say(f"ERROR: {error}", Exit.INCOMPLETE)
@@ -102,8 +102,8 @@ def run_to_exit(application: Callable[[], object]) -> int:
         return _say(error, Exit.BAD_INPUT)
     except DeviceError as error:
         return _say(error, Exit.STOPPED_SAFE)
-    except KeyboardInterrupt:
-        return _say(_STOPPED, Exit.FAILED)
+    except KeyboardInterrupt as ending:
+        return _say(_stopped(ending), Exit.FAILED)
     except sqlite3.OperationalError as error:  # a full disk, a journal that cannot be opened
         return _say(f"the journal: {error}", Exit.FAILED)
     except sqlite3.DatabaseError as error:
@@ -122,6 +122,13 @@ def run_to_exit(application: Callable[[], object]) -> int:
             traceback.print_exc(file=kept)  # it can be sent to somebody
         return _say(f"internal error: {error!r}. Please report it with {kept.name}", Exit.FAILED)
     return Exit.DONE
+
+
+def _stopped(ending: BaseException | None) -> str:
+    """Say by what a command was stopped: the keyboard, or the signal that a `KeyboardInterrupt` behind it names."""
+    while ending is not None and not isinstance(ending, KeyboardInterrupt):
+        ending = ending.__cause__ or ending.__context__
+    return f"stopped by {ending}" if ending is not None and ending.args else _STOPPED
 
 
 def _say(what: object, status: Exit) -> Exit:

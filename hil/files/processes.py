@@ -10,7 +10,7 @@ from functools import partial
 from multiprocessing import get_context, parent_process
 from multiprocessing.process import BaseProcess
 from multiprocessing.synchronize import Event
-from threading import Thread
+from threading import Thread, current_thread, main_thread
 from types import FrameType
 from typing import Any
 
@@ -28,6 +28,7 @@ def processes(count: int) -> Iterator[Map]:
         return
     context = get_context("spawn")
     given_up = context.Event()
+    as_before = signal.signal(signal.SIGTERM, _told_to_end) if current_thread() is main_thread() else None
     with ProcessPoolExecutor(count, context, end_with_parent, (given_up,)) as pool:
         try:
             yield lambda function, things: pool.map(partial(_unless_given_up, function), things)
@@ -35,6 +36,13 @@ def processes(count: int) -> Iterator[Map]:
             given_up.set()  # what waits in the pool's own queue cannot be cancelled
             pool.shutdown(wait=False, cancel_futures=True)
             raise
+        finally:
+            if as_before is not None:
+                signal.signal(signal.SIGTERM, as_before)
+
+
+def _told_to_end(number: int, frame: FrameType | None) -> None:  # noqa: ARG001 - the signature of a handler
+    raise KeyboardInterrupt(signal.Signals(number).name)  # as from a terminal: what works for this one ends, too
 
 
 def end_with_parent(given_up: Event | None) -> None:

@@ -154,8 +154,14 @@ def test_what_is_stopped_from_the_keyboard_says_so_whoever_hears_it_first(capsys
         finally:
             os.close(2**30)
 
-    assert [run_to_exit(each) for each in (stopped, interrupted, untidied)] == [1, 1, 1]
-    assert capsys.readouterr().err == "hil: stopped from the keyboard\n" * 3
+    def told() -> None:
+        try:
+            raise KeyboardInterrupt("SIGTERM")
+        except KeyboardInterrupt as ending:
+            raise SystemExit(130) from ending
+
+    assert [run_to_exit(each) for each in (stopped, interrupted, untidied, told)] == [1, 1, 1, 1]
+    assert capsys.readouterr().err == "hil: stopped from the keyboard\n" * 3 + "hil: stopped by SIGTERM\n"
 
 
 def test_a_name_in_another_encoding_is_refused_before_anything_is_written(hil: Any, tmp_path: Path) -> None:
