@@ -119,11 +119,11 @@ def twin(campaign: Path, model: str, draws: int = 20, seed: int = 1, out: Path |
 @contextmanager
 def _bar(draws: int) -> Iterator[Callable[[int], None]]:
     console = messages()
-    # However slow a machine is, two nights tell how long one takes.
     with Progress(
         console=console, transient=True, disable=not console.is_terminal, speed_estimate_period=math.inf
     ) as bar:
         task = bar.add_task("simulated nights", total=draws)
+        bar.advance(task, 0)  # from now on one night tells how long it takes: of two at once the second adds nothing
 
         def done(_: int) -> None:
             bar.advance(task)
