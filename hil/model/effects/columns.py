@@ -51,7 +51,7 @@ def above_reference(conditions: Conditions) -> FloatArray:
     return column(conditions, "temperature_degC") - REFERENCE_DEGC
 
 
-def visits(conditions: Conditions) -> IntArray:
+def visit_of_rows(conditions: Conditions) -> IntArray:
     """Return to which visit to a temperature each row belongs, (n,): the minute of the campaign at which it was set.
 
     Where that is not recorded they are counted, by steps of what tells the temperature.

@@ -9,7 +9,7 @@ import numpy as np
 from hil.campaign import Conditions, FloatArray, Sensor
 from hil.campaign.stand_ins import WIDEST_DEGC
 from hil.model.effects.base import Base, Effect, Parameter, ShapeParameter, VarianceEffect, required_base
-from hil.model.effects.columns import above_reference, channel_labels, column, visits
+from hil.model.effects.columns import above_reference, channel_labels, column, visit_of_rows
 from hil.model.effects.scatter import Scatter
 from hil.model.forms import bias_columns, gs_columns, mu_columns, sensitivity_columns, sensitivity_names
 
@@ -162,7 +162,7 @@ class _AnewInEachRun(VarianceEffect):
 
         Else that is what follows temperature.
         """
-        level, visit = column(conditions, "setpoint_degC|temperature_degC"), visits(conditions)
+        level, visit = column(conditions, "setpoint_degC|temperature_degC"), visit_of_rows(conditions)
         several, first = np.unique(visit, return_index=True)
         runs = len(np.unique(np.column_stack([visit, conditions.run]), axis=0))
         apart = np.abs(np.subtract.outer(level[first], level[first])) > WIDEST_DEGC
@@ -171,7 +171,7 @@ class _AnewInEachRun(VarianceEffect):
 
     def scatter(self, conditions: Conditions, shape: Mapping[str, float]) -> tuple[Scatter, ...]:
         """Return independent coefficients of unit deviation per run, or per visit."""
-        group = visits(conditions) if shape.get("of_visit") else conditions.run
+        group = visit_of_rows(conditions) if shape.get("of_visit") else conditions.run
         return (Scatter(self.of.columns(conditions, None, {}), group=group),)
 
 
