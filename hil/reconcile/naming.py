@@ -182,8 +182,11 @@ def _named(
     named = sure and name not in beside and not any(rival.withholds for rival in rivals.values())
     kind = NO_NAME if name == NO_NAME else "named" if named else "ambiguous"
     share = own_share(beside, name)
-    of_sensor = {
-        n: share * sum(weight for _, weight, f in sets if any(posterior.term(n, j).called == name for j in f.terms[n]))
+    of_sensor = {  # what scatters does so in all of them
+        n: share
+        * sum(
+            w for _, w, f in sets if name in f.scatter or any(posterior.term(n, j).called == name for j in f.terms[n])
+        )
         for n in own
     }
     told = [

@@ -223,6 +223,19 @@ def test_a_bias_that_changes_with_the_power_cycle_is_a_turn_on_bias() -> None:
 
 
 @pytest.mark.slow
+def test_a_name_of_the_only_sensor_is_as_probable_in_it() -> None:
+    """Turn-on bias scatters averages or has a value for each cycle: both are in it (it had been .67 of .998)."""
+    rows = lay_out(np.random.default_rng(3), (-10.0, 45.0, -10.0, 45.0), 3)
+    cycle = (rows.run - 1) // 3
+    rates = base_rates(rows, thermal=False) + noise(rows, np.random.default_rng(12), run_bias=0.0)
+    rates[:, 0] += np.array([0.0, 3.0, -2.5, 1.5])[cycle]
+    began_s = np.array([rows.start_s[cycle == each].min() for each in cycle])
+    cycled = with_columns(campaign_of(rows, rates), time_since_power_on_s=rows.start_s - began_s + 1800.0)
+    (effect,) = reconcile(cycled, "matrix-6", prove=False).effects
+    assert (effect.id, effect.of_sensor) == ("turnon", {2: pytest.approx(effect.probability)})
+
+
+@pytest.mark.slow
 def test_a_power_cycle_per_temperature_cannot_be_told_from_the_temperature() -> None:
     """One cycle at each: ambiguous with bias_T, and several cycles at one temperature are to be measured."""
     result = reconcile(power_cycled(1), "matrix-6", prove=False)
