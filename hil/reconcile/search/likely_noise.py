@@ -108,13 +108,18 @@ class _Rows:
             near = np.ones(len(self.grid), dtype=bool)
             if first != profile:
                 self.everywhere(v, first)
-                near = np.any([_near(own, self.grid.sort) for own in self.known[first]], axis=0)
+                near = self._near_first
             new = np.full((len(self.variants), len(self.grid)), -np.inf)
             new[:, : known.shape[1]] = known
             at = np.flatnonzero(near & (np.arange(len(self.grid)) >= known.shape[1]))
             new[:, at] = self.heights(at, [profile])[:, :, 0]
             known = self.known[profile] = new
         return np.asarray(known[v])
+
+    @cached_property
+    def _near_first(self) -> BoolArray:
+        """Which noises (κ,) are not out of the question beside the first profile, which was asked about everywhere."""
+        return np.asarray(np.any([_near(own, self.grid.sort) for own in next(iter(self.known.values()))], axis=0))
 
     def _only(self, v: int, at: int) -> "_Rows":
         """Return what is about one variant, at one noise."""
@@ -242,9 +247,8 @@ def _kept(every: Points, best: FloatArray, sorts: Sequence[frozenset[str]]) -> B
 def _highest(height: FloatArray, sort: IntArray) -> BoolArray:
     """Tell which of points (t,) is the highest of its sort (t,)."""
     out = np.zeros(len(height), dtype=bool)
-    for each in np.unique(sort):
-        own = np.flatnonzero(sort == each)
-        out[own[np.argmax(height[own])]] = True
+    order = np.lexsort((-height, sort))
+    out[order[np.append(True, np.diff(sort[order]) > 0)]] = True
     return out
 
 
