@@ -173,7 +173,8 @@ class Noise:
             known, self._shown = asked, (columns, np.zeros((0, len(asked), len(asked))), np.zeros(0))
         given, gram, half_log_det = self._shown
         new, most = np.arange(len(gram), len(self.grid)), max(1, LARGEST // max(given.size, 1))
-        gram, half_log_det = (np.pad(own, [(0, len(new)), *[(0, 0)] * (own.ndim - 1)]) for own in (gram, half_log_det))
+        if more := len(new):
+            gram, half_log_det = np.pad(gram, [(0, more), (0, 0), (0, 0)]), np.pad(half_log_det, (0, more))
         for at, own in self.filters(self.grid.take(new)):
             half_log_det[new[at]] = own.half_log_det
             for few in np.split(np.arange(len(at)), range(most, len(at), most)):
@@ -181,7 +182,7 @@ class Noise:
                 gram[new[at[few]]] = np.swapaxes(white, 1, 2) @ white
         self._shown = given, gram, half_log_det
         index = np.array([known.index(own) for own in asked])
-        return gram[:, index[:, None], index], half_log_det
+        return gram if asked == known else gram[:, index[:, None], index], half_log_det
 
     def filters(self, points: Points) -> Iterator[tuple[IntArray, Filter]]:
         """Yield places (k,) among the points with what whitens there, the base's values apart; the grid's are kept."""
@@ -222,9 +223,10 @@ class Noise:
         kept, of = np.unique(there, axis=0, return_inverse=True)
         many = [len(self.stated), len(self.offset), *(len(kind.chain) for kind in self.kinds)]
         every = np.column_stack([np.ones(len(points)), points.offset, points.amount])
-        sizes = [np.repeat(own, many * np.append([True, True], has)) for own, has in zip(every, there, strict=True)]
+        states = np.array([np.repeat(np.arange(len(many)), many * np.append([True, True], has)) for has in kept])
+        sizes = np.take_along_axis(every, states[of.ravel()], axis=1)
         white = self._white(points.level)
-        return filter_of([self._chain(has) for has in kept], of.ravel(), np.array(sizes), white, label)
+        return filter_of([self._chain(has) for has in kept], of.ravel(), sizes, white, label)
 
     def log_odds(self, points: Points) -> FloatArray:
         """Return the log odds of what scatters at every point beside the likeliest of it, (t,)."""
