@@ -47,8 +47,9 @@ def best_regressor(rates: FloatArray, nuisance: FloatArray, candidates: FloatArr
     """
     basis, _ = np.linalg.qr(nuisance)
     plain = rates - basis @ (basis.T @ rates)
-    spread = _BURST * OF_NORMAL * float(np.median(np.abs(plain - np.median(plain))))
-    left = np.clip(plain, np.median(plain) - spread, np.median(plain) + spread) if spread > 0.0 else plain
+    middle = float(np.median(plain))
+    spread = _BURST * OF_NORMAL * float(np.median(np.abs(plain - middle)))
+    left = np.clip(plain, middle - spread, middle + spread) if spread > 0.0 else plain
     beside = candidates - basis @ (basis.T @ candidates)
     norms = np.sum(beside**2, axis=0)
     usable = norms > 1e-6 * np.sum(candidates**2, axis=0)
