@@ -66,6 +66,7 @@ def pytest_collection_finish() -> None:
     """Take thousands of collected tests, which stay to the end, out of what is searched for garbage."""
     gc.collect()
     gc.freeze()
+    gc.set_threshold(20_000, 20, 20)  # a search makes many small arrays, and looking through them is a tenth of it
     gc.enable()
 
 
