@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from itertools import chain, repeat
 from pathlib import Path
 from typing import Any
 
@@ -28,8 +29,12 @@ def contractors(tmp_path: Path) -> Path:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("searched_once")
 def test_reconcile_writes_its_three_files_and_prints_the_document(hil: Any, contractors: Path, tmp_path: Path) -> None:
-    """What the contractor took for zero is named; the document printed is the file; the model gains a term."""
+    """What the contractor took for zero is named; the document printed is the file; the model gains a term.
+
+    For people it is a screenful: verdict, name, values with units, gap. Applied twice it finds nothing more.
+    """
     out = tmp_path / "out"
     ended = hil("reconcile", contractors, "--model", "collins-4", "--out", out, "--json")
     assert ended.returncode == 0, ended.stderr
@@ -43,26 +48,13 @@ def test_reconcile_writes_its_three_files_and_prints_the_document(hil: Any, cont
     assert told["simulated"] is True
     assert [term.effect for term in load_model(out / "model.yaml").terms] == ["MU_real"]
     assert "SIMULATED" in (out / "reconciliation.html").read_text()
-
-
-@pytest.mark.slow
-def test_applied_twice_it_finds_nothing_more(hil: Any, contractors: Path, tmp_path: Path) -> None:
-    """The improved model, compared with the same data, lacks nothing."""
-    hil("reconcile", contractors, "--model", "collins-4", "--out", tmp_path / "first")
-    again = hil(
-        "reconcile", contractors, "--model", tmp_path / "first" / "model.yaml", "--out", tmp_path / "2", "--json"
-    )
+    people = hil("reconcile", contractors, "--model", "collins-4", "--out", out).stdout
+    assert "verdict: named" in people
+    assert "MU_real" in people
+    assert "deg/hr/g" in people
+    assert len(people.splitlines()) < 40
+    again = hil("reconcile", contractors, "--model", out / "model.yaml", "--out", tmp_path / "2", "--json")
     assert json.loads(again.stdout)["verdict"] == "none"
-
-
-@pytest.mark.slow
-def test_for_people_it_is_a_screenful(hil: Any, contractors: Path, tmp_path: Path) -> None:
-    """Verdict, name, values with units, gap before and after; not more lines than a terminal has."""
-    ended = hil("reconcile", contractors, "--model", "collins-4", "--out", tmp_path / "out")
-    assert "verdict: named" in ended.stdout
-    assert "MU_real" in ended.stdout
-    assert "deg/hr/g" in ended.stdout
-    assert len(ended.stdout.splitlines()) < 40
 
 
 @pytest.mark.slow
@@ -195,9 +187,13 @@ def test_how_long_the_other_simulated_nights_take_is_said(capsys: pytest.Capture
 @pytest.mark.slow(seconds=21)
 @pytest.mark.usefixtures("searched_once")
 def test_the_twin_tells_the_model_that_lacks_something_and_not_the_one_that_reconcile_wrote(
-    hil: Any, tmp_path: Path
+    hil: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Before and after, in the result; asked by itself it says the same of what is kept, also for people."""
+    """Before and after, in the result; asked by itself it says the same of what is kept, also for people.
+
+    Two processes simulate the nights before, this one those after.
+    """
+    monkeypatch.setattr("os.cpu_count", chain([2], repeat(1)).__next__)
     design = Design((23.0,), 4, ("1", "2", "3", "4"), restabilisation_s=900.0)
     campaign = write_case(make_case(1, ("MU_real",), 30.0, model="collins-4", design=design), tmp_path / "campaign")
     out, few = tmp_path / "out", ("--draws", 6)

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 
-@pytest.mark.slow
+@pytest.mark.slow(seconds=45)
 def test_the_published_night_lacks_what_the_report_found(hil: Any, demo: Path, tmp_path: Path) -> None:
     """MU beside collins-4, with values that follow temperature; that it differs from run to run; then no more.
 
