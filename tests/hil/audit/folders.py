@@ -95,16 +95,12 @@ def _after_a_pause() -> Campaign:
     )
 
 
-def _one_missing() -> Campaign:
-    one = _good()
-    return _changed(one, [4], np.full((1, 2), np.nan))
-
-
-def _one_silent() -> Campaign:
-    one = _good()
-    errors = one.sensors[2].rates_se_deg_per_hr.copy()
-    errors[13, 0] = np.nan
-    return replace(one, sensors={2: replace(one.sensors[2], rates_se_deg_per_hr=errors)})
+def _gaps() -> Campaign:
+    """A collect of run 2 and a standard error of run 5 are missing, one of run 3 is huge, run 8 has no temperature."""
+    one = _one_not_shown(8)
+    errors, rates = _one_huge().sensors[2].rates_se_deg_per_hr.copy(), one.sensors[2].rates_deg_per_hr.copy()
+    errors[13, 0] = rates[4] = np.nan
+    return replace(one, sensors={2: replace(one.sensors[2], rates_deg_per_hr=rates, rates_se_deg_per_hr=errors)})
 
 
 def _one_huge() -> Campaign:
@@ -151,11 +147,11 @@ def _short_soaks() -> Campaign:
     return replace(one, sensors={2: replace(one.sensors[2], conditions=replace(conditions, columns=columns))})
 
 
-def _one_not_shown() -> Campaign:
-    """The unit's own thermometer was silent through run 5."""
+def _one_not_shown(run: int = 5) -> Campaign:
+    """The unit's own thermometer was silent through one run."""
     one = _good()
     conditions = one.sensors[2].conditions
-    shown = np.where(conditions.run == 5, np.nan, conditions.columns["temperature_degC"])
+    shown = np.where(conditions.run == run, np.nan, conditions.columns["temperature_degC"])
     conditions = replace(conditions, columns={**conditions.columns, "temperature_degC": shown})
     return replace(one, sensors={2: replace(one.sensors[2], conditions=conditions)})
 
@@ -308,8 +304,7 @@ FOLDERS: dict[str, Callable[[], Campaign]] = {
     "one rate far off": _far_off,
     "f of another size": _heavy,
     "after a pause": _after_a_pause,
-    "one collect missing": _one_missing,
-    "one standard error missing": _one_silent,
+    "gaps": _gaps,
     "one standard error huge": _one_huge,
     "no standard errors": _no_errors,
     "the chamber's temperature alone, one channel without standard errors": _chamber_alone,
@@ -329,10 +324,11 @@ FOLDERS: dict[str, Callable[[], Campaign]] = {
     "one run": lambda: campaign(1, 1, seed=3),
     "one run, one rate far off, beside another sensor": _one_run_far_off_beside_another_sensor,
     "night that ended early": night_that_ended_early,
-    "not whole": lambda: replace(_good(), missing=["self-calibration 13 at 40.0 °C: all of it"]),
+    "simulated, not whole": lambda: replace(
+        _good(), simulated=True, missing=["self-calibration 13 at 40.0 °C: all of it"]
+    ),
     "one temperature": lambda: campaign(8, 8, seed=5, scatter=2.0),
     "one temperature, three runs": lambda: campaign(3, 3, seed=5, scatter=2.0),
-    "simulated": lambda: replace(_good(), simulated=True),
     "poses": _triad,
     "a rotor sensor and a triad": _rotor_and_triad,
     "poses, one wrong": lambda: _triad(wrong=True),

@@ -32,7 +32,7 @@ IDS = {
 """And of effects, their families and shapes, and technologies."""
 
 IN_PLACE = ("judgement", "words", "improves", "noise_level", "noise_kinds", "forms")
-QUICK = {
+COMMANDS = {
     "status": ["status", "{night}"],
     "verify": ["verify", "{night}"],
     "replay": ["replay", "{night}"],
@@ -44,8 +44,6 @@ QUICK = {
     "visibility": ["visibility", "{folder}"],
     "budget": ["budget", "{folder}", "--draws", "100"],
     "allan": ["allan", "{night}", "--sensor", "2", "--channel", "RA"],
-}
-SLOW = {
     "scatter": ["scatter", "{folder}"],
     "reconcile": ["reconcile", "{folder}", "--model", "collins-4", "--out", "{folder}/out"],
     "fleet": ["fleet", "{folder}", "--model", "matrix-6"],
@@ -110,7 +108,7 @@ def _words(code: str) -> list[str]:
     return re.findall(r"[\w-]+", code)
 
 
-def documents(commands: dict[str, list[str]], folder: Path, capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
+def documents(folder: Path, capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
     """Return the JSON of each command over a campaign and a small night in `folder`."""
     night, campaign = folder / "night", written("good", folder / "campaign")
     sweep = folder / "cold.yaml"
@@ -119,7 +117,7 @@ def documents(commands: dict[str, list[str]], folder: Path, capsys: pytest.Captu
     assert "\nINCONCLUSIVE: 2 of 2 solutions" in capsys.readouterr().err
     raw = next((night / "blocks").glob("*.raw*"), night)
     found = {}
-    for command, words in commands.items():
+    for command, words in COMMANDS.items():
         capsys.readouterr()
         arguments = [word.format(night=night, folder=campaign, raw=raw) for word in words]
         assert run([*arguments, "--json"]) in (0, 3, 4), command  # 4: in these bytes is no frame of another layout
@@ -139,8 +137,8 @@ def check(found: dict[str, Any]) -> None:
 
 @pytest.mark.slow
 def test_a_key_has_one_type_or_stands_in_the_reference(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Over the commands that answer at once; and complete is said with good beside it."""
-    found = documents(QUICK, tmp_path, capsys)
+    """Over every command; and complete is said with good beside it."""
+    found = documents(tmp_path, capsys)
     check(found)
     assert found["status"]["state"] == "complete"
     assert found["verify"]["complete"]
@@ -150,12 +148,6 @@ def test_a_key_has_one_type_or_stands_in_the_reference(tmp_path: Path, capsys: p
     assert "complete, INCONCLUSIVE" in capsys.readouterr().out
     asked = campaign_of_night(tmp_path / "night").sensors[2].conditions.columns["setpoint_degC"]
     assert asked == pytest.approx((19.7 - 32.0) / 1.8)  # not the -6.8 °C that the chamber makes of it: 19.8 °F
-
-
-@pytest.mark.slow
-def test_so_over_every_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """And those that search or look at a bench."""
-    check(documents({**QUICK, **SLOW}, tmp_path, capsys))
 
 
 def test_a_key_of_two_types_is_seen() -> None:

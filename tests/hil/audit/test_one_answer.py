@@ -74,9 +74,16 @@ def disagreements(ask: Ask, commands: tuple[str, ...]) -> Iterator[str]:
                     yield f"{question}: {key}: {first} {one}, {command} {other}"
 
 
+IN_ANOTHER = {
+    *("good", "one standard error huge", "one run without its thermometer", "no thermometer of its own"),
+    *("labels exchanged", "two sensors", "one channel noisy"),
+}
+"""Folders of which another one has all: what is whole and measured, each gap, one exchange, two equal plans."""
+
+
 @pytest.mark.slow
 @pytest.mark.usefixtures("searched_once", "only_answers")
-@pytest.mark.parametrize("ask", FOLDERS, indirect=True)
+@pytest.mark.parametrize("ask", [name for name in FOLDERS if name not in IN_ANOTHER], indirect=True)
 def test_all_commands_agree(ask: Ask) -> None:
     """And those that search: what is wrong with rows, and that what is printed is simulated."""
     assert list(disagreements(ask, (*COMMANDS, *BESIDE))) == []
@@ -119,10 +126,8 @@ def test_a_sensor_that_cannot_be_fitted_hides_no_other(ask: Ask) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "together"),
-    [("both sensors disturbed", True), ("two sensors", False)],
-)
+@pytest.mark.usefixtures("searched_once")
+@pytest.mark.parametrize(("name", "together"), [("both sensors disturbed", True), ("two sensors", False)])
 def test_what_moves_both_sensors_is_said_wherever_somebody_asks_what_scatters(
     tmp_path: Path, name: str, together: bool
 ) -> None:
@@ -131,7 +136,7 @@ def test_what_moves_both_sensors_is_said_wherever_somebody_asks_what_scatters(
     both = common_and_differential(one)
     assert both is not None
     assert bool(both.look_for) is together
-    said = [" ".join(to_do(gather(one))), what_to_do(reconcile(one, "matrix-6", prove=False))[1]]
+    said = [" ".join(to_do(gather(one))), what_to_do(reconcile(one, "matrix-6"))[1]]
     assert ["what moves sensors 1 and 2 together" in each for each in said] == [together, together]
     assert set(both.sentences()) <= set(what_scatters(one).sentences())
     noise = np.random.default_rng(1).normal(0.0, 1.0, (64, 2))

@@ -42,6 +42,7 @@ from tests.hil.solve.runs_of_a_unit import campaign, repeated, with_rates
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("searched_once")
 def test_the_channel_whose_standard_errors_do_not_hold_is_named() -> None:
     """By repeats as by the search, and about as much; the other is not blamed."""
     one = FOLDERS["one channel noisy"]()
@@ -154,14 +155,7 @@ def test_one_huge_standard_error_says_nothing_of_what_the_others_scatter_by() ->
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "name",
-    [
-        "good",
-        "drift through every run",
-        "no standard errors",
-    ],
-)
+@pytest.mark.parametrize("name", ["good", "drift through every run", "no standard errors"])
 def test_a_collect_scatters_by_as_much_for_thermal_as_for_the_search(name: str) -> None:
     """Also where residuals are many times their errors, and repeats show that this is no noise."""
     one = FOLDERS[name]()
@@ -266,12 +260,13 @@ def test_what_averages_scatter_by_is_the_same_whatever_standard_errors_say_of_it
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("searched_once")
 def test_that_standard_errors_are_too_large_is_said_beside_what_scatters() -> None:
     """By both, in one sentence: `hil scatter` had said nothing of them where an effect has a name."""
     one = FOLDERS["MU of each run"]()
     large = replace(one.sensors[2], rates_se_deg_per_hr=10.0 * one.sensors[2].rates_se_deg_per_hr)
     one = replace(one, sensors={2: large})
-    found, noted = what_scatters(one), reconcile(one, "matrix-6", prove=False).notes
+    found, noted = what_scatters(one), reconcile(one, "matrix-6").notes
     said = [sentence for sentence in found.sentences() if "times too large" in sentence]
     assert found.named == ("MU_rr",)
     assert said
