@@ -16,6 +16,7 @@ from hil.campaign.reader import read_campaign
 from hil.cli.model import _bar
 from hil.cli.output import check_result_folder
 from hil.errors import InputError
+from hil.likeness import draws
 from hil.model import load_model
 
 FOUR = Design(temperatures_degC=(23.0,), runs_per_temperature=8, positions=("1", "2", "3", "4"))
@@ -193,7 +194,8 @@ def test_the_twin_tells_the_model_that_lacks_something_and_not_the_one_that_reco
 
     Two processes simulate the nights before, this one those after.
     """
-    monkeypatch.setattr("os.cpu_count", chain([2], repeat(1)).__next__)
+    most = chain([2], repeat(1))
+    monkeypatch.setattr(draws, "processes", lambda count, of=draws.processes: of(min(count, next(most))))
     design = Design((23.0,), 4, ("1", "2", "3", "4"), restabilisation_s=900.0)
     campaign = write_case(make_case(1, ("MU_real",), 30.0, model="collins-4", design=design), tmp_path / "campaign")
     out, few = tmp_path / "out", ("--draws", 6)

@@ -24,10 +24,9 @@ def flipped(*arguments: str) -> dict[str, Any]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("every", ["20011", "2003"])
-def test_no_flipped_bit_is_silent(every: str) -> None:
+def test_no_flipped_bit_is_silent() -> None:
     """In journal, head, blocks, log and everything else of a complete night."""
-    found = flipped("bytes", "--every", every, "--seed", "4")
+    found = flipped("bytes", "--every", "2003", "--seed", "4")
     assert found["problems"] == []
     assert found["named"] > found["the same to the digit"] > 0
 
