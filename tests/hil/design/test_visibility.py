@@ -91,7 +91,7 @@ def test_what_is_asked_of_a_whole_life_stays_linear() -> None:
     """The rates of runs are whitened run by run: a thousand runs take no matrix of all of them."""
     life = campaign(temperatures=np.linspace(-30.0, 60.0, 8).tolist(), runs_each=125)
     tracemalloc.start()
-    document = visibility_document({2: life}, "a life", built_in_model("matrix-6"))
+    document = visibility_document({2: life}, "a life", built_in_model("matrix-6"), changes=CHANGES[:1])
     assert tracemalloc.get_traced_memory()[1] < 2e8  # one matrix of all rates with each other: 2.9e8
     tracemalloc.stop()
     assert "weighed on 384 runs of 1000" in visibility_text(document)
