@@ -33,15 +33,6 @@ def slopes(seed: int) -> list[tuple[float, bool]]:
 
 
 @pytest.mark.slow
-def test_an_error_is_over_all_that_runs_may_scatter_by() -> None:
-    """By the likeliest noise, in which four runs do not scatter, slopes were 6 times their errors off."""
-    told = slopes(9)
-    assert len(told) == 2
-    assert max(abs(off) for off, _ in told) < 3.0
-    assert all(inside for _, inside in told)
-
-
-@pytest.mark.slow
 def test_a_slope_says_over_which_temperatures_it_was_measured() -> None:
     """And about which it is one; that of the middle alone tells nothing of where it holds."""
     one = campaign(12, 3, seed=1, scatter=2.0)
@@ -51,8 +42,15 @@ def test_a_slope_says_over_which_temperatures_it_was_measured() -> None:
 
 @pytest.mark.slow
 def test_errors_of_few_runs_that_scatter_are_about_as_large_as_stated() -> None:
-    """Of a slope that a search has found, for which it has to be large: by the likeliest noise they were 2.5 times."""
-    told = [each for seed in range(14) for each in slopes(seed)]
-    assert len(told) > 9
-    assert np.sqrt(np.mean([off**2 for off, _ in told])) < 1.9
-    assert np.mean([inside for _, inside in told]) > 0.9
+    """Of a slope that a search has found, for which it has to be large: by the likeliest noise they were 2.5 times.
+
+    Of fourteen units these are found to follow temperature. By a noise in which four runs do not scatter, slopes of the
+    last but one were 6 times their errors off.
+    """
+    told = {seed: slopes(seed) for seed in (1, 5, 6, 7, 9, 10)}
+    off, inside = zip(*(each for of in told.values() for each in of), strict=True)
+    assert len(off) > 9
+    assert np.sqrt(np.mean(np.square(off))) < 1.9
+    assert np.mean(inside) > 0.9
+    assert all(abs(each) < 3.0 and holds for each, holds in told[9])
+    assert len(told[9]) == 2
