@@ -19,6 +19,7 @@ from hil.reconcile.search.problem import pose
 from procedures.verdict import Judgement, Verdict
 from tests.hil.analysis.thermal.nights import rotor_night
 from tests.hil.reconcile.hidden_effects import (
+    EIGHT,
     ROTOR,
     Rows,
     base_rates,
@@ -92,7 +93,9 @@ def test_large_drift_on_a_bench_that_is_not_punctual_stays_ambiguous() -> None:
 def test_a_time_constant_between_the_points_of_the_grid_leaves_nothing_behind() -> None:
     """A strong warm-up of 28 min (the grid has 20 and 40): one effect, its size and time constant right."""
     result = reconcile(
-        hidden_campaign(7, lambda r: both(np.exp(-(r.start_s - 3300.0) / 1680.0), 120.0, -150.0)),
+        hidden_campaign(
+            7, lambda r: both(np.exp(-(r.start_s - 3300.0) / 1680.0), 120.0, -150.0), temperatures=EIGHT[::2]
+        ),
         "matrix-6-thermal",
         prove=False,
     )
