@@ -47,20 +47,23 @@ def test_a_run_that_is_only_noisy_has_its_own_rates() -> None:
     assert not any("used as measured by hil solve" in each for each in found(torn, "matrix-6", prove=False).notes)
 
 
+WRONG = {
+    "a sign": (lambda rates: rates * [1.0, -1.0], "the sign of RB looks turned", ["RB"]),
+    "both signs": (lambda rates: -rates, "the signs look turned", ["RA", "RB"]),
+    "channels": (lambda rates: rates[:, ::-1], "RA and RB look exchanged", ["RA", "RB"]),
+}
+
+
 @pytest.mark.parametrize(
-    ("wrong", "said", "channels"),
+    ("kind", "searched"),
     [
-        (lambda rates: rates * [1.0, -1.0], "the sign of RB looks turned", ["RB"]),
-        (lambda rates: -rates, "the signs look turned", ["RA", "RB"]),
-        (lambda rates: rates[:, ::-1], "RA and RB look exchanged", ["RA", "RB"]),
+        *((kind, False) for kind in WRONG),
+        *(pytest.param(kind, True, marks=pytest.mark.slow) for kind in ("both signs", "channels")),  # a sign is below
     ],
-    ids=["a sign", "both signs", "channels"],
 )
-@pytest.mark.parametrize("searched", [False, pytest.param(True, marks=pytest.mark.slow)])
-def test_what_is_wrong_with_a_whole_run_solve_and_the_search_say_and_mend_alike(
-    wrong, said, channels, *, searched
-) -> None:
+def test_what_is_wrong_with_a_whole_run_solve_and_the_search_say_and_mend_alike(kind: str, *, searched: bool) -> None:
     """A sign, all of them, or the channels: what was filed less what would have been is one term."""
+    wrong, said, channels = WRONG[kind]
     made = hidden_campaign(3, temperatures=(-10.0, 23.0, 50.0), positions=("1", "2", "3", "4"))
     rates = made.sensors[2].rates_deg_per_hr.copy()
     here = made.sensors[2].conditions.run == 2
