@@ -27,11 +27,7 @@ from hil.solve.wrong_rows import wrong_rows
 from procedures.verdict import Judgement, Verdict
 from tests.hil.audit.folders import FOLDERS
 from tests.hil.model.effect_conditions import triad_poses
-from tests.hil.reconcile.hidden_effects import (
-    ROTOR,
-    Rows,
-    hidden_campaign,
-)
+from tests.hil.reconcile.hidden_effects import ROTOR, Rows, hidden_campaign
 from tests.hil.reconcile.test_names import on_the_mean
 
 NOT_GOOD = Judgement(Verdict.INCONCLUSIVE, "moved")
