@@ -17,7 +17,16 @@ from hil.reconcile.scattering import what_scatters
 from hil.report.content import gather, to_do
 from tests.hil.analysis.thermal.nights import rotor_night
 from tests.hil.model.effect_conditions import ROTOR
-from tests.hil.reconcile.hidden_effects import Rows, base_rates, both, campaign_of, hidden_campaign, lay_out, noise
+from tests.hil.reconcile.hidden_effects import (
+    EIGHT,
+    Rows,
+    base_rates,
+    both,
+    campaign_of,
+    hidden_campaign,
+    lay_out,
+    noise,
+)
 from tests.hil.solve.runs_of_a_unit import campaign as runs_at_their_temperatures
 
 
@@ -285,7 +294,7 @@ def test_a_remainder_follows_temperature_where_the_bias_is_no_straight_line() ->
 
     With one b for all temperatures a curve over the time, a jump and a walk stood beside it.
     """
-    plain = hidden_campaign(3, thermal=False, quiet=0.3)
+    plain = hidden_campaign(3, thermal=False, quiet=0.3, temperatures=EIGHT[::2])
     rows = plain.sensors[2]
     shape = {"tau_min": 18.0, "from_degC": 20.0}
     left = InsufficientSoak().columns(rows.conditions, None, shape)[:, 0, 0]
