@@ -58,17 +58,20 @@ def test_a_resume_that_is_killed_as_well_is_carried_on_too() -> None:
 @pytest.mark.slow
 def test_a_night_killed_at_random_instants_is_carried_on() -> None:
     """By the wall clock, so in the middle of anything."""
-    found = campaign("instants", "--take", "10", "--seed", "5")
+    found = campaign("instants", "--take", "6", "--seed", "5")
     assert found["problems"] == []
-    assert found["kills"] == 10
+    assert found["kills"] == 6
 
 
 @pytest.mark.slow
 def test_a_power_failure_loses_nothing_that_was_reported() -> None:
-    """What was not synchronised is lost, torn or has its former name: what the log reported is there."""
-    found = campaign("power", "--take", "15", "--seed", "1")
+    """What was not synchronised is lost, torn or has its former name: what the log reported is there.
+
+    Eight failures, of which the defects below need no more.
+    """
+    found = campaign("power", "--take", "8", "--seed", "1")
     assert found["problems"] == []
-    assert found["kills"] == 15
+    assert found["kills"] == 8
 
 
 DEFECTS = {
