@@ -36,7 +36,7 @@ def test_units_that_are_told_apart_afterwards_stand_first() -> None:
     assert [line.split("|")[1].strip() for line in list(table(rows))[2:]] == ["2", "1"]
 
 
-@pytest.mark.slow
+@pytest.mark.slow(seconds=14)
 def test_a_unit_that_is_held_back_is_found_and_its_twin_not_told_apart(tmp_path: Path) -> None:
     """One effect in a published night, by its averages: the command as it is run."""
     made = case(0, seed=77, keep=tmp_path, averages=True)

@@ -185,7 +185,7 @@ def test_how_long_the_other_simulated_nights_take_is_said(capsys: pytest.Capture
     assert re.fullmatch(r"(simulated night \d of 24, \d+ s to go\n){2}", capsys.readouterr().err)
 
 
-@pytest.mark.slow(seconds=21)
+@pytest.mark.slow(seconds=12)
 @pytest.mark.usefixtures("searched_once")
 def test_the_twin_tells_the_model_that_lacks_something_and_not_the_one_that_reconcile_wrote(
     hil: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

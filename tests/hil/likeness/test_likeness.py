@@ -233,7 +233,7 @@ def test_what_sensors_have_in_common_is_drawn_once_for_all(tmp_path: Path) -> No
     assert shared == {"frost": True, "base": True, "markov": False}
 
 
-@pytest.mark.slow(seconds=31)
+@pytest.mark.slow(seconds=8)
 def test_a_triads_campaign_is_told_from_the_model_that_lacks_its_sensitivity(tmp_path: Path) -> None:
     """By hand or by another program: whatever the axes are called, with the full matrix it cannot be told."""
     write_triad(1, 60.0, tmp_path / "campaign")
