@@ -48,6 +48,11 @@ class LiveBench:
     faults: FaultInjector | None = None
 
     @property
+    def simulated(self) -> bool:
+        """True where what is measured is simulated, in this process or behind a port."""
+        return self.bench.simulated
+
+    @property
     def each(self) -> Mapping[str, Self]:
         """The bench as each unit has it, by the unit's name."""
         units = self.devices.units

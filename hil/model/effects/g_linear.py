@@ -314,9 +314,9 @@ class LinearSensitivityGain(Effect):
     known_as = "g_sensitivity"
     experiment = "The same orientations at two temperatures at least, revisited: the ratios within a row of G stay."
 
-    def beside_form(self, parameters: Sequence[str], sensor: Sensor) -> bool:
-        """As the sensitivity itself."""
-        return LinearSensitivity().beside_form(parameters, sensor)
+    def applies_to(self, sensor: Sensor) -> bool:
+        """Only to a triad."""
+        return sensor.is_triad
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
         rates = np.einsum("nca,na->nc", required_base(self, base).k, conditions.f_g)

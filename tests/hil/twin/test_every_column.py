@@ -30,7 +30,8 @@ restabilisation: {at_least: 15 min, window: 3 min, ceiling: 1 h, band: 2 degC, s
 collect: {settle: 60 s, duration: 20 s, drift_limit: 100000 deg/hr/min}
 """
 _VALUES = {"BA": 22.0, "BB": -18.0, "GSA": 60.0, "GSB": -25.0, "MUA": 9.0, "MUB": -7.5}
-_CANNOT = {"swap": "is a mistake in a record", "vre": "needs vibration_rms_g"}  # no unit has these: why not
+# No unit has these, or no rotor: why not.
+_CANNOT = {"swap": "is a mistake in a record", "vre": "needs vibration_rms_g", "g_gain": "cannot be in a sensor"}
 _STEPS = 0.003  # deg/hr, of the stream
 
 
@@ -106,7 +107,7 @@ def test_night_minus_night_is_the_column(effects: list[Effect], without: Campaig
 
 @pytest.mark.parametrize("effect", [each for each in EFFECTS if each.id in _CANNOT], ids=lambda each: each.id)
 def test_what_cannot_be_simulated_says_why_before_anything_begins(effect: Effect, tmp_path: Path) -> None:
-    """A mistake in a record is no unit's, and nothing vibrates here."""
+    """A mistake in a record is no unit's, nothing vibrates here, and a rotor has no G."""
     parameters = {f"{effect.parameters[0].name}_A": {"unit": effect.parameters[0].unit, "value": 1.0}}
     with pytest.raises(InputError, match=_CANNOT[effect.id]):
         _night(tmp_path / "with", [{"effect": effect.id, "sensor": 2, "shape": {}, "parameters": parameters}])
