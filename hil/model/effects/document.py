@@ -17,6 +17,7 @@ _WORKS_ON = {Effect: "averages of collects", VarianceEffect: "scatter of average
 
 _SHAPES = {
     "run": "in run {:g}",
+    "about_degC": "T0 = {:.3g} °C",
     "tau_min": "time constant {:g} min",
     "tau_hr": "time constant {:g} h",
     "tau_s": "time constant {:g} s",

@@ -9,7 +9,7 @@ import numpy as np
 from hil.campaign import Conditions, FloatArray, Sensor
 from hil.campaign.stand_ins import WIDEST_DEGC
 from hil.model.effects.base import Base, Effect, Parameter, ShapeParameter, VarianceEffect, required_base
-from hil.model.effects.columns import above_reference, channel_labels, column, visit_of_rows
+from hil.model.effects.columns import REFERENCE_DEGC, above_reference, channel_labels, column, visit_of_rows
 from hil.model.effects.scatter import Scatter
 from hil.model.forms import bias_columns, gs_columns, mu_columns, sensitivity_columns, sensitivity_names
 
@@ -109,17 +109,34 @@ class RotorSensitivityTemperature(_FollowsTemperature):
     experiment = "Report GSA and GSB of every run; modulus and angle tell gain from phase."
 
 
-class RotorSensitivityGain(Effect):
-    """GS that follows temperature with its angle kept: a torquer or a magnet that weakens moves GSA and GSB alike."""
+class _Gain(Effect):
+    """What follows temperature in proportion: as a share of what it is at the middle of the collects' temperatures."""
 
-    id = "GS_gain"
-    title = "GSA, GSB temperature dependence, both in proportion"
-    equation = "GS *= 1 + a (T - 25 degC), for GSA and GSB"
-    rotor_only = True
     needs_base = True
     follows = "temperature"
     needs = frozenset({"temperature_degC"})
     parameters = (Parameter("a", "1/degC", (0.001, 0.004), power=1),)
+
+    def shapes_for(self, conditions: Conditions) -> tuple[ShapeParameter, ...]:
+        """Return T0: values that are solved without it are those there."""
+        known = column(conditions, "temperature_degC")
+        known = known[np.isfinite(known)]
+        middle = round(float(known.mean()), 1) if len(known) else REFERENCE_DEGC
+        return (ShapeParameter("about_degC", "degC", (middle,), default=REFERENCE_DEGC),)
+
+    def warmed(self, conditions: Conditions, rates: FloatArray, shape: Mapping[str, float]) -> FloatArray:
+        """Return rates (n, c) times how far each collect is from T0, °C."""
+        off = column(conditions, "temperature_degC") - shape.get("about_degC", REFERENCE_DEGC)
+        return np.asarray(rates * np.nan_to_num(off)[:, None])
+
+
+class RotorSensitivityGain(_Gain):
+    """GS that follows temperature with its angle kept: a torquer or a magnet that weakens moves GSA and GSB alike."""
+
+    id = "GS_gain"
+    title = "GSA, GSB temperature dependence, both in proportion"
+    equation = "GS *= 1 + a (T - T0), for GSA and GSB"
+    rotor_only = True
     signature = "GSA and GSB change by the same share of themselves; neither MU nor the bias does."
     confusable_with = ("scale", "convection", "mag")
     known_as = "GS_T"
@@ -128,7 +145,7 @@ class RotorSensitivityGain(Effect):
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
         lateral = conditions.f_g * (1.0, 1.0, 0.0)
         rates = np.einsum("nca,na->nc", required_base(self, base).k, lateral)
-        return np.asarray(rates * np.nan_to_num(above_reference(conditions))[:, None])[..., None]
+        return self.warmed(conditions, rates, shape)[..., None]
 
 
 class AxialDriftTemperature(_FollowsTemperature):
@@ -298,17 +315,13 @@ class LinearSensitivityTemperature(LinearSensitivity):
         return super().columns(conditions, base, shape) * np.nan_to_num(above_reference(conditions))[:, None, None]
 
 
-class LinearSensitivityGain(Effect):
+class LinearSensitivityGain(_Gain):
     """G that follows temperature in proportion: what loads a channel, or reads it, changes by a share for all axes."""
 
     id = "g_gain"
     title = "Acceleration sensitivity's temperature dependence, in proportion"
-    equation = "G *= 1 + a (T - 25 degC), of each channel"
+    equation = "G *= 1 + a (T - T0), of each channel"
     per_channel = True
-    needs_base = True
-    follows = "temperature"
-    needs = frozenset({"temperature_degC"})
-    parameters = (Parameter("a", "1/degC", (0.001, 0.004), power=1),)
     signature = "A channel's response to gravity changes by the same share in every orientation; its bias does not."
     confusable_with = ("scale", "g_sensitivity_T")
     known_as = "g_sensitivity"
@@ -320,5 +333,4 @@ class LinearSensitivityGain(Effect):
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
         rates = np.einsum("nca,na->nc", required_base(self, base).k, conditions.f_g)
-        warmed = rates * np.nan_to_num(above_reference(conditions))[:, None]
-        return np.asarray(warmed[:, :, None] * np.eye(rates.shape[1]))
+        return self.warmed(conditions, rates, shape)[:, :, None] * np.eye(rates.shape[1])

@@ -99,24 +99,34 @@ class Problem:
 
 
 def as_thermometers_may_be(campaign: Campaign) -> list[Campaign]:
-    """Return a campaign as recorded, and, where a thermometer may be off in a run, with what it shows there in others.
+    """Return a campaign as recorded; where a thermometer may be off in a run, as if it is, and as if it is right.
 
-    The latter says so in its warnings.
+    If it is off it shows what it shows in others at the setpoint; if not, the run is one of another setpoint. Both say
+    so in their warnings.
     """
-    sensors, said = dict(campaign.sensors), list[str]()
+    told = [(dict(campaign.sensors), list[str]()) for _ in range(2)]
     for number, collects in campaign.sensors.items():
-        conditions, late = collects.conditions, unsettled(collects.conditions)
+        late = unsettled(collects.conditions)
         for run in (run for run, why in late.items() if why_unsettled([why]) != NOT_SETTLED):
-            rows, setpoint, own = conditions.run == run, conditions.columns["setpoint_degC"], own_degC(conditions)
-            usual = known_mean(own[np.isin(setpoint, setpoint[rows]) & ~np.isin(conditions.run, [*late])])
-            if np.isfinite(usual):
-                shown = known_mean(own[rows])
-                own[rows] += usual - shown
-                conditions = replace(conditions, columns={**conditions.columns, OWN: own})
-                words = f"its thermometer, at {shown:z.1f} °C, is off by {shown - usual:+.1f} °C"
-                said.append(f"sensor {number}, run {run}: the rates are likelier if {words}")
-        sensors[number] = replace(collects, conditions=conditions)
-    return [campaign, replace(campaign, sensors=sensors, warnings=[*campaign.warnings, *said])][: 1 + bool(said)]
+            setpoint, own = collects.conditions.columns["setpoint_degC"], own_degC(collects.conditions)
+            rows = collects.conditions.run == run
+            usual = known_mean(own[np.isin(setpoint, setpoint[rows]) & ~np.isin(collects.conditions.run, [*late])])
+            off = known_mean(own[rows]) - usual
+            for (sensors, said), name, by, is_so in zip(
+                told,
+                (OWN, "setpoint_degC"),
+                (-off, off),
+                (f"is off by {off:+.1f} °C", f"is right: {NOT_SETTLED}"),
+                strict=True,
+            ):
+                if np.isfinite(off):
+                    of = sensors[number].conditions
+                    moved = {**of.columns, name: np.where(rows, of.columns[name] + by, of.columns[name])}
+                    sensors[number] = replace(sensors[number], conditions=replace(of, columns=moved))
+                    shows = f"at {off + usual:z.1f} °C"
+                    said.append(f"sensor {number}, run {run}: rates are likelier if its thermometer, {shows}, {is_so}")
+    every = [replace(campaign, sensors=of, warnings=[*campaign.warnings, *said]) for of, said in told]
+    return every if told[0][1] else [campaign]
 
 
 def pose(campaign: Campaign, model: Model, catalogue: Sequence[Effect]) -> Problem:
