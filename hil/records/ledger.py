@@ -68,8 +68,7 @@ class Ledger:
             with contextlib.suppress(OSError):  # it is committed, whatever becomes of the second witness
                 file = os.open(self._path, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o644)
                 with open(file, "wb", buffering=0) as head:
-                    text = f"hil.head/1 {number} {link} {_signature(number, link, self._key)}"
-                    head.write(text.ljust(_HEAD_SIZE).encode())
+                    head.write(_head_text(number, link, self._key))
                     os.fdatasync(file)
 
 
@@ -83,6 +82,10 @@ def read_key(path: Path | None) -> bytes:
 
 def _signature(number: int, link: str, key: bytes) -> str:
     return hmac.new(key, f"{number} {link}".encode(), "sha256").hexdigest() if key else ""
+
+
+def _head_text(number: int, link: str, key: bytes) -> bytes:
+    return f"hil.head/1 {number} {link} {_signature(number, link, key)}".ljust(_HEAD_SIZE).encode()
 
 
 def signed(folder: Path, key: bytes) -> bool | None:

@@ -1,6 +1,7 @@
 """Effects linear in acceleration: GS, MU, their temperature dependence, anisotropy, and a triad's full matrix."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from types import MappingProxyType
 from typing import ClassVar
 
@@ -116,13 +117,13 @@ class _Gain(Effect):
     follows = "temperature"
     needs = frozenset({"temperature_degC"})
     parameters = (Parameter("a", "1/degC", (0.001, 0.004), power=1),)
+    shapes = (ShapeParameter("about_degC", "degC", (REFERENCE_DEGC,), default=REFERENCE_DEGC),)
 
     def shapes_for(self, conditions: Conditions) -> tuple[ShapeParameter, ...]:
         """Return T0: values that are solved without it are those there."""
         known = column(conditions, "temperature_degC")
         known = known[np.isfinite(known)]
-        middle = round(float(known.mean()), 1) if len(known) else REFERENCE_DEGC
-        return (ShapeParameter("about_degC", "degC", (middle,), default=REFERENCE_DEGC),)
+        return (replace(self.shapes[0], grid=(round(float(known.mean()), 1),)),) if len(known) else self.shapes
 
     def warmed(self, conditions: Conditions, rates: FloatArray, shape: Mapping[str, float]) -> FloatArray:
         """Return rates (n, c) times how far each collect is from T0, °C."""
@@ -173,6 +174,7 @@ class _AnewInEachRun(VarianceEffect):
     of: ClassVar[Effect]
     follows = "run"
     rotor_only = True
+    shapes = (ShapeParameter("of_visit", "", (0.0, 1.0), default=0.0),)
 
     def shapes_for(self, conditions: Conditions) -> tuple[ShapeParameter, ...]:
         """Return whether a visit's runs are alike: asked where some are several, and a temperature was gone to again.
@@ -184,7 +186,7 @@ class _AnewInEachRun(VarianceEffect):
         runs = len(np.unique(np.column_stack([visit, conditions.run]), axis=0))
         apart = np.abs(np.subtract.outer(level[first], level[first])) > WIDEST_DEGC
         again = len(several) > 1 and not np.all(apart | np.eye(len(several), dtype=np.bool_))
-        return (ShapeParameter("of_visit", "", (0.0, 1.0) if again and runs > len(several) else (0.0,), default=0.0),)
+        return self.shapes if again and runs > len(several) else (replace(self.shapes[0], grid=(0.0,)),)
 
     def scatter(self, conditions: Conditions, shape: Mapping[str, float]) -> tuple[Scatter, ...]:
         """Return independent coefficients of unit deviation per run, or per visit."""
