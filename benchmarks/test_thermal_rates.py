@@ -117,7 +117,7 @@ def test_improvement_is_claimed_where_there_is_some_and_its_range_is_no_interval
             values = slope * scaled(degC) + rng.standard_normal(8)
             own = Estimates(values, np.eye(8), 16.0)
             choice = Choice(degC, values, np.eye(8), highest_order=5)
-            errors = nested_errors(degC, own, choice, 5, 0)
+            errors = nested_errors(degC, own, choice, 5)
             found.append(Improvement(choice.held_out_constant, errors, choice.weight))
             before.append(float(choice.weight @ choice.held_out_constant**2))
             after.append(float(choice.weight @ errors**2))
