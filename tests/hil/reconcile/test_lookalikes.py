@@ -90,15 +90,26 @@ def test_gs_that_follows_temperature_in_proportion_is_no_scale_factor(gsb: float
 
 
 @pytest.mark.slow
-def test_a_triads_sensitivity_that_follows_temperature_in_proportion_is_no_scale_factor() -> None:
-    """One share for each channel, and not nine values: of these little shows, and a scale of twice the usual led."""
+@pytest.mark.parametrize(("times", "share"), [(1.0, 0.0025), (10.0, 0.0075)])
+def test_a_triads_sensitivity_that_follows_temperature_in_proportion_is_no_scale_factor(
+    times: float, share: float
+) -> None:
+    """One share for each channel, and not nine values: of these little shows, and a scale of twice the usual led.
+
+    It is a share of what G is at the middle of the night, and the written model says so.
+    """
     g = {"GXX": 3.9, "GXY": -2.4, "GXZ": 1.2, "GYX": 0.7, "GYY": 4.9, "GYZ": -3.2, "GZX": -1.5, "GZY": 2.0, "GZZ": 5.9}
-    curves = {name: lambda t, at=at: at * (1.0 + 0.0025 * (t - 25.0)) for name, at in g.items()}
+    curves = {name: lambda t, at=times * at: at * (1.0 + share * (t - 25.0)) for name, at in g.items()}
     for name, (at, slope) in {"BX": (10.0, 0.22), "BY": (-8.0, 0.13), "BZ": (23.0, -0.28)}.items():
         curves[name] = lambda t, at=at, slope=slope: at + slope * (t - 25.0)
-    result = reconcile(triad_night(np.random.default_rng(5), curves, 0.3), "triad-12", prove=False)
+    night, without_noise = (triad_night(np.random.default_rng(5), curves, white) for white in (0.3, 0.0))
+    result = reconcile(night, "triad-12", prove=False)
     assert {effect.id for effect in result.effects} == {"g_sensitivity", "bias_T"}
     (found,) = (effect for effect in result.effects if effect.id == "g_sensitivity")
     assert [parameter["name"] for parameter in found.parameters] == ["a_X", "a_Y", "a_Z"]
+    middle = share / (1.0 + share * (found.shapes[1].values["about_degC"] - 25.0))
     for of in found.parameters:
-        assert of["value"] == pytest.approx(0.0025, abs=3.0 * of["se"])
+        assert of["value"] == pytest.approx(middle, abs=3.0 * of["se"])
+    assert result.model_after is not None
+    told = result.model_after.rates(night.sensors[1].conditions)
+    np.testing.assert_allclose(told, without_noise.sensors[1].rates_deg_per_hr, atol=0.5)
