@@ -104,29 +104,30 @@ def as_thermometers_may_be(campaign: Campaign) -> list[Campaign]:
     If it is off it shows what it shows in others at the setpoint; if not, the run is one of another setpoint. Both say
     so in their warnings.
     """
-    told = [(dict(campaign.sensors), list[str]()) for _ in range(2)]
+    off: dict[tuple[int, int], float] = {}  # °C, by sensor and run
     for number, collects in campaign.sensors.items():
-        late = unsettled(collects.conditions)
+        conditions, late = collects.conditions, unsettled(collects.conditions)
         for run in (run for run, why in late.items() if why_unsettled([why]) != NOT_SETTLED):
-            setpoint, own = collects.conditions.columns["setpoint_degC"], own_degC(collects.conditions)
-            rows = collects.conditions.run == run
-            usual = known_mean(own[np.isin(setpoint, setpoint[rows]) & ~np.isin(collects.conditions.run, [*late])])
-            off = known_mean(own[rows]) - usual
-            for (sensors, said), name, by, is_so in zip(
-                told,
-                (OWN, "setpoint_degC"),
-                (-off, off),
-                (f"is off by {off:+.1f} °C", f"is right: {NOT_SETTLED}"),
-                strict=True,
-            ):
-                if np.isfinite(off):
-                    of = sensors[number].conditions
-                    moved = {**of.columns, name: np.where(rows, of.columns[name] + by, of.columns[name])}
-                    sensors[number] = replace(sensors[number], conditions=replace(of, columns=moved))
-                    shows = f"at {off + usual:z.1f} °C"
-                    said.append(f"sensor {number}, run {run}: rates are likelier if its thermometer, {shows}, {is_so}")
-    every = [replace(campaign, sensors=of, warnings=[*campaign.warnings, *said]) for of, said in told]
-    return every if told[0][1] else [campaign]
+            setpoint, own, rows = conditions.columns["setpoint_degC"], own_degC(conditions), conditions.run == run
+            others = np.isin(setpoint, setpoint[rows]) & ~np.isin(conditions.run, [*late])
+            if np.isfinite(by := known_mean(own[rows]) - known_mean(own[others])):
+                off[number, run] = by
+    is_off = _moved(campaign, OWN, {at: -by for at, by in off.items()}, "off by {:+.1f} °C")
+    return [is_off, _moved(campaign, "setpoint_degC", off, f"right: {NOT_SETTLED}")] if off else [campaign]
+
+
+def _moved(campaign: Campaign, name: str, by_degC: Mapping[tuple[int, int], float], how: str) -> Campaign:
+    """Return a campaign with a temperature moved in runs, by sensor and run, and of their thermometers said how."""
+    sensors, said = dict(campaign.sensors), []
+    for (number, run), by in by_degC.items():
+        conditions = sensors[number].conditions
+        rows = conditions.run == run
+        shown = known_mean(own_degC(campaign.sensors[number].conditions)[rows])
+        columns = {**conditions.columns, name: conditions.columns[name] + by * rows}
+        sensors[number] = replace(sensors[number], conditions=replace(conditions, columns=columns))
+        its = f"its thermometer, at {shown:z.1f} °C, is {how.format(-by)}"
+        said.append(f"sensor {number}, run {run}: rates are likelier if {its}")
+    return replace(campaign, sensors=sensors, warnings=[*campaign.warnings, *said])
 
 
 def pose(campaign: Campaign, model: Model, catalogue: Sequence[Effect]) -> Problem:
