@@ -173,20 +173,29 @@ def _told(together: Together, k: int, known: Sequence[Wrong], failed: Set[int]) 
     alone, seen_from = beyond_others(collects, {*failed, *(run for each in found for run in each.used)})
     off = {at: by for each in found if each.leaves_out and each.likeliest for at, by in _off(filed, each.likeliest)}
     another: dict[str, frozenset[int]] = {}
-    for name, run in (at for each in found if each.likeliest is not None for at in _another(filed, each.likeliest)):
-        another[name] = another.get(name, frozenset()) | {run}
-    lost_runs, hiding = lost(found), tuple(may_be)
-    return WrongRows(collects, tuple(rows), every, alone, lost_runs, seen_from, hiding, likeliest, other, off, another)
+    for cause in (each.likeliest for each in found if each.likeliest and each.likeliest.what in OWN):
+        for name in _of_its_own(filed, cause):
+            another[name] = another.get(name, frozenset()) | {cause.run}
+    return WrongRows(
+        collects=collects,
+        rows=tuple(rows),
+        judged=every,
+        not_compared=alone,
+        apart=lost(found),
+        sees_from=seen_from,
+        may_be=tuple(may_be),
+        likeliest=likeliest,
+        other=other,
+        off_deg_per_hr=off,
+        another=another,
+    )
 
 
-def _another(filed: Collects, cause: Cause) -> Iterator[tuple[str, int]]:
-    """Yield the parameters of a run that were others, with the run."""
-    if cause.what in OWN:
-        form, channels = default_form(filed.conditions), np.abs(cause.off) > _TOLD
-        moved = np.any(form.columns(filed.conditions)[list(cause.rows)][:, channels], axis=(0, 1))
-        for name, moves in zip(form.names, moved.tolist(), strict=True):
-            if moves and name.startswith(OWN[cause.what]):
-                yield name, cause.run
+def _of_its_own(filed: Collects, cause: Cause) -> list[str]:
+    """Return the parameters of a run that were others: those of the cause that move a channel which is off."""
+    form, off = default_form(filed.conditions), np.abs(cause.off) > _TOLD
+    moves = np.any(form.columns(filed.conditions)[list(cause.rows)][:, off], axis=(0, 1))
+    return [n for n, does in zip(form.names, moves, strict=True) if does and n.startswith(OWN[cause.what])]
 
 
 def _off(filed: Collects, cause: Cause) -> Iterator[tuple[tuple[int, int, str], float]]:

@@ -9,6 +9,8 @@ from hil.campaign.stand_ins import WIDEST_DEGC
 from hil.model.forms import bias_names
 
 REFERENCE_DEGC = 25.0
+LEVEL = "setpoint_degC|temperature_degC"
+"""What tells one temperature that was gone to from another."""
 HOUR_S = 3600.0
 
 
@@ -51,15 +53,20 @@ def above_reference(conditions: Conditions) -> FloatArray:
     return column(conditions, "temperature_degC") - REFERENCE_DEGC
 
 
+def begun_min(conditions: Conditions, name: str) -> FloatArray:
+    """Return when what a column counts the seconds since began, in whole minutes of the campaign, (n,)."""
+    return np.asarray(np.round((conditions.start_s - column(conditions, name)) / 60.0))
+
+
 def visit_of_rows(conditions: Conditions) -> IntArray:
     """Return to which visit to a temperature each row belongs, (n,): the minute of the campaign at which it was set.
 
     Where that is not recorded they are counted, by steps of what tells the temperature.
     """
-    given_s = conditions.start_s - column(conditions, "time_since_setpoint_s")
-    if np.all(np.isfinite(given_s)):
-        return np.asarray(np.round(given_s / 60.0).astype(np.int64))
-    level, in_time = column(conditions, "setpoint_degC|temperature_degC"), np.argsort(conditions.start_s, kind="stable")
+    given = begun_min(conditions, "time_since_setpoint_s")
+    if np.all(np.isfinite(given)):
+        return np.asarray(given.astype(np.int64))
+    level, in_time = column(conditions, LEVEL), np.argsort(conditions.start_s, kind="stable")
     number = np.zeros(len(level), dtype=np.int64)
     number[in_time[1:]] = np.cumsum(np.abs(np.diff(level[in_time])) > WIDEST_DEGC)
     return number

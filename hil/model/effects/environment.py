@@ -6,13 +6,12 @@ import numpy as np
 
 from hil.campaign import Conditions
 from hil.model.effects.base import Parameter, ShapeParameter, VarianceEffect
-from hil.model.effects.columns import HOUR_S, column, per_channel
+from hil.model.effects.columns import HOUR_S, LEVEL, column, per_channel
 from hil.model.effects.geometry import local_frame
 from hil.model.effects.scatter import Scatter, averaged_s, white
 
 _TAU_S = 1800.0
 """Correlation time of pier and floor motion (heating, ventilation, people)."""
-_LEVEL = "setpoint_degC|temperature_degC"
 _APART_DEGC = 3.0  # nearer ones are one temperature
 _LEVELS = 16  # more are no steps
 
@@ -44,7 +43,7 @@ class NoiseAtTemperature(VarianceEffect):
     title = "Noise of one temperature"
     equation = "sigma = N_T / sqrt(duration) at one setpoint"
     parameters = (Parameter("N_T", "deg/sqrt(hr)", (0.1, 1.0), {"RLG": (0.001, 0.1), "MEMS": (0.05, 1.0)}),)
-    needs = frozenset({_LEVEL})
+    needs = frozenset({LEVEL})
     signature = (
         "Only the variance rises, at one temperature, from collect to collect; its neighbours are as quiet as all."
     )
@@ -53,14 +52,14 @@ class NoiseAtTemperature(VarianceEffect):
 
     def shapes_for(self, conditions: Conditions) -> tuple[ShapeParameter, ...]:
         """Return the temperatures, °C, of which it may be one; none where there are not several, or no steps."""
-        level = np.sort(column(conditions, _LEVEL)[np.isfinite(column(conditions, _LEVEL))])
+        level = np.sort(column(conditions, LEVEL)[np.isfinite(column(conditions, LEVEL))])
         steps = np.split(level, 1 + np.flatnonzero(np.diff(level) > _APART_DEGC)) if len(level) else []
         levels = tuple(round(float(np.mean(each)), 1) for each in steps)
         return (ShapeParameter("at_degC", "degC", levels if 1 < len(levels) <= _LEVELS else ()),)
 
     def scatter(self, conditions: Conditions, shape: Mapping[str, float]) -> tuple[Scatter, ...]:
         """Return one over the root of the duration, in hr, of each row at the temperature."""
-        here = np.abs(column(conditions, _LEVEL) - shape["at_degC"]) < _APART_DEGC
+        here = np.abs(column(conditions, LEVEL) - shape["at_degC"]) < _APART_DEGC
         return white(np.where(here, np.sqrt(HOUR_S / averaged_s(conditions)), 0.0), conditions)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from hil.campaign import Conditions, FloatArray, Sensor
 from hil.campaign.stand_ins import WIDEST_DEGC
 from hil.model.effects.base import Base, Effect, Parameter, ShapeParameter, VarianceEffect, required_base
-from hil.model.effects.columns import REFERENCE_DEGC, above_reference, channel_labels, column, visit_of_rows
+from hil.model.effects.columns import LEVEL, REFERENCE_DEGC, above_reference, channel_labels, column, visit_of_rows
 from hil.model.effects.scatter import Scatter
 from hil.model.forms import bias_columns, gs_columns, mu_columns, sensitivity_columns, sensitivity_names
 
@@ -181,12 +181,12 @@ class _AnewInEachRun(VarianceEffect):
 
         Else that is what follows temperature.
         """
-        level, visit = column(conditions, "setpoint_degC|temperature_degC"), visit_of_rows(conditions)
+        visit = visit_of_rows(conditions)
         several, first = np.unique(visit, return_index=True)
         runs = len(np.unique(np.column_stack([visit, conditions.run]), axis=0))
-        apart = np.abs(np.subtract.outer(level[first], level[first])) > WIDEST_DEGC
-        again = len(several) > 1 and not np.all(apart | np.eye(len(several), dtype=np.bool_))
-        return self.shapes if again and runs > len(several) else (replace(self.shapes[0], grid=(0.0,)),)
+        new = np.diff(np.sort(column(conditions, LEVEL)[first])) > WIDEST_DEGC
+        again = runs > len(several) and not np.all(new)
+        return self.shapes if again else (replace(self.shapes[0], grid=(0.0,)),)
 
     def scatter(self, conditions: Conditions, shape: Mapping[str, float]) -> tuple[Scatter, ...]:
         """Return independent coefficients of unit deviation per run, or per visit."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from hil.campaign import Conditions, FloatArray
 from hil.model.effects.base import Base, Effect, Parameter, ShapeParameter, VarianceEffect
-from hil.model.effects.columns import HOUR_S, channel_labels, column, middle_hr, per_channel
+from hil.model.effects.columns import HOUR_S, LEVEL, begun_min, channel_labels, column, middle_hr, per_channel
 from hil.model.effects.history import collect_interval_s, place_in_run
 from hil.model.effects.scatter import Scatter, averaged_s, white
 from hil.model.forms import mu_columns
@@ -336,7 +336,7 @@ class PowerCycleBias(Effect):
 
     def aliases_for(self, conditions: Conditions) -> Mapping[str, float]:
         """Return a bias that follows temperature, where each cycle stood at one that no other visited."""
-        temperature = column(conditions, "setpoint_degC|temperature_degC")
+        temperature = column(conditions, LEVEL)
         pairs = set(zip(power_cycles(conditions).tolist(), np.round(temperature).tolist(), strict=True))
         alone = len(pairs) == len({cycle for cycle, _ in pairs}) == len({level for _, level in pairs})
         return {"bias_T": 1.0} if alone else {}
@@ -359,8 +359,7 @@ class PowerCycleBias(Effect):
 
 def power_cycles(conditions: Conditions) -> FloatArray:
     """Return when each row's power cycle began, in minutes of the campaign, (n,); 0 where no power-on is recorded."""
-    since = column(conditions, "time_since_power_on_s")
-    return np.asarray(np.nan_to_num(np.round((conditions.start_s - since) / 60.0)))
+    return np.nan_to_num(begun_min(conditions, "time_since_power_on_s"))
 
 
 class RetainerNoise(VarianceEffect):
