@@ -19,7 +19,7 @@ import itertools
 import math
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import ClassVar
@@ -260,9 +260,6 @@ class Effect(Described):
     lasts: ClassVar[bool] = False
     """Whether what it makes of a parameter is so from its time on, and nothing that begins anew or comes back."""
 
-    recurring: ClassVar[bool] = False
-    """Whether it may be there more than once, each time in a shape of its own."""
-
     @abstractmethod
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
         """Return the partial derivatives of the rates by the parameters, shape (n, c, p).
@@ -290,6 +287,10 @@ class Effect(Described):
     def kin_for(self, conditions: Conditions, shape: Mapping[str, float]) -> Mapping[str, float]:
         """Return what of `kin`, and what else, has the history in time that it has at this shape."""
         return self.kin
+
+    def happens(self, conditions: Conditions, shape: Mapping[str, float]) -> Hashable | None:
+        """Return what happens at this shape, alike wherever it does and perhaps again; None of what always is."""
+        return None
 
     def begins_within(self, shape: Mapping[str, float]) -> Sequence[int]:
         """Return the runs that it does not move as a whole: in them no parameter is one number."""

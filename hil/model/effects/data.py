@@ -1,7 +1,7 @@
 """Mistakes in the data: signs and frames of the earth rate, labels that were exchanged, signs that were turned."""
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 
 import numpy as np
 
@@ -92,6 +92,10 @@ class Mislabelled(Effect):
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
         rates = required_base(self, base).rates
         return (self.exchanged(conditions, rates, shape) - rates)[..., None]
+
+    def happens(self, conditions: Conditions, shape: Mapping[str, float]) -> Hashable | None:
+        """Return which exchange it is, in whatever run; another sensor's rates tell of every run."""
+        return None if shape["exchange"] == OTHER_SENSOR else shape["exchange"]
 
     def exchanged(self, conditions: Conditions, rates: FloatArray, shape: Mapping[str, float]) -> FloatArray:
         """Return rates (n, c) in the places, and with the signs, that the exchange gives them."""

@@ -1,6 +1,6 @@
 """Effects of time and chance on averages: drift, ageing, jumps; and those that only scatter them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from functools import lru_cache
 from types import MappingProxyType
 
@@ -82,7 +82,6 @@ class _Steps(Effect):
     """
 
     follows = "time"
-    recurring = True
     lasts = True
 
     def shapes_for(self, conditions: Conditions) -> tuple[ShapeParameter, ...]:
@@ -105,6 +104,12 @@ class _Steps(Effect):
             if (shape["from_collect"] or shape["from_run"] != first)
             and not (shape["from_collect"] and shape["runs_held"])
         ]
+
+    def happens(self, conditions: Conditions, shape: Mapping[str, float]) -> Hashable:
+        """Return whether one run alone is another, the first and the last too, or a step stays."""
+        runs = np.unique(conditions.run)
+        apart = shape["from_run"] in (*runs[1:2], runs[-1]) and not shape["from_collect"]
+        return "one run" if shape["runs_held"] or apart else "stays"
 
     def begins_within(self, shape: Mapping[str, float]) -> Sequence[int]:
         """Return the run in which a step lies between two collects."""

@@ -20,6 +20,8 @@ NARROW = (2, 2, 2, 1, 1)  # and where it is only asked what sets come to, about
 GROWTH = 8  # how many names each of them is tried with
 PER_NAME = 3  # shapes of one name among these: what a name's best shapes cannot do its others cannot
 WORTH = 7.0  # sets this much (log) below the best of their sensor are not combined over sensors
+EVENTS = 2  # so many, of those that explain most, are asked whether they happened again
+TIMES = 4  # and so many times
 
 OTHERS = 16
 """Likely sets of a sensor in which, too, what looks the same as a member of the likeliest is tried in its place."""
@@ -89,6 +91,8 @@ def likely_sets(search: SensorSearch, *, serve: bool) -> list[Set]:
     known = _grown(search, [()], widths)
     for start in search.starts:
         known |= _grown(search, [start, *(start[:k] + start[k + 1 :] for k in range(len(start)))], widths)
+    if serve:
+        known |= _alone(search, list(_again(search, max(known, key=lambda s: known[s]))))
     served = set[Set]()
     while serve and (lead := max(known, key=lambda s: known[s])) not in served:
         served.add(lead)
@@ -120,15 +124,26 @@ def _grown(search: SensorSearch, layer: Sequence[Set], widths: Sequence[int]) ->
 
 def _further(search: SensorSearch, given: Set, known: Mapping[Set, float]) -> list[Set]:
     """Return the sets with one term more that may be worth as much as those that are known."""
-    scores = search.scan(given) + search.log_odds
+    scores = search.scan(given) + search.odds_beside(given)
     least = max(known.values()) - known[given] - WORTH if given else -np.inf
     further = (tuple(sorted((*given, j))) for j in _best(search, scores, given) if scores[j] > least)
     return [s for s in further if s not in known]
 
 
+def _again(search: SensorSearch, lead: Set) -> Iterator[Set]:
+    """Yield the likeliest set with what may have happened several times: alone, each is hidden by the others' noise."""
+    scores = search.scan(lead) + search.log_odds
+    for own in sorted(search.events.values(), key=lambda own: -scores[own].max())[:EVENTS]:
+        grown = tuple(j for j in lead if j not in own)
+        for _ in range(min(TIMES, len(own) // 2)):
+            beside = search.scan(grown) + search.odds_beside(grown)
+            grown = tuple(sorted((*grown, max(set(own) - {*grown}, key=lambda j: beside[j]))))
+            yield grown
+
+
 def _best(search: SensorSearch, scores: FloatArray, given: Set) -> Iterator[int]:
     """Yield the places of the terms that do most, a few shapes of each name, and more names than that."""
-    present = {t.name for j in given if not (t := search.terms[j]).is_mistake and not t.recurring}
+    present = {t.name for j in given if not (t := search.terms[j]).is_mistake and t.event is None}
     count: dict[str, int] = {}
     first: dict[str, float] = {}
     for j in np.argsort(-scores.round(9), kind="stable").tolist():  # not rounding tells alike ones apart

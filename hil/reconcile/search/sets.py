@@ -3,7 +3,6 @@
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from itertools import chain, combinations, pairwise
 from math import log
 
@@ -36,6 +35,8 @@ class SensorSearch:
     _weighed: dict[tuple[Set, int], SetInBlock] = field(default_factory=dict)
     _laid: list[list[Group]] = field(default_factory=list)
     _scannable: int = 0
+    _placed: int = 0
+    _found: dict[object, list[int]] = field(default_factory=dict)
     _members: dict[tuple[int, int], Member] = field(default_factory=dict)
     _shown: dict[tuple[int | None, int], list[FloatArray]] = field(default_factory=dict)
     _scanned: dict[Set, FloatArray] = field(default_factory=dict)
@@ -77,7 +78,7 @@ class SensorSearch:
 
     def forget(self) -> None:
         """Compute everything anew from now on: the terms, the data or the points of the noise are others."""
-        self._laid, self._scannable = [], 0
+        self._laid, self._scannable, self._placed, self._found = [], 0, 0, {}
         self._weigh_anew()
 
     def _weigh_anew(self) -> None:
@@ -88,22 +89,35 @@ class SensorSearch:
         """Log prior odds of every term, (j,)."""
         return np.array([term.log_odds for term in self.terms])
 
-    def priced(self, chosen: Set) -> list[float]:
-        """Return the log prior odds of each term of a set: a mistake made once was made again more probably."""
-        out, before = [], Counter[float]()
-        for term in (self.terms[j] for j in chosen):
-            out.append(term.log_odds)
-            if term.alike is not None:
-                before[term.alike] += 1
-                times, runs = before[term.alike], self._asked[term.alike]
-                if 1 < times < runs:
-                    out[-1] = max(term.log_odds, made_again(times, runs))
+    def odds_beside(self, given: Set) -> FloatArray:
+        """Log prior odds of every term, (j,), beside a set: what happened once happened again more probably."""
+        out = self.log_odds
+        for event, times in Counter(self.terms[j].event for j in given).items():
+            of = self.events.get(event, [])
+            if times + 1 < len(of):
+                out[of] = np.maximum(out[of], made_again(times + 1, len(of)))
         return out
 
-    @cached_property
-    def _asked(self) -> Counter[float]:
-        """In how many runs each exchange of labels is asked about."""
-        return Counter(term.alike for term in self.terms if term.alike is not None)
+    def priced(self, chosen: Set) -> list[float]:
+        """Return the log prior odds of each term of a set, beside those before it."""
+        out, before = [], Counter[object]()
+        for term in (self.terms[j] for j in chosen):
+            out.append(term.log_odds)
+            if term.event is not None:
+                before[term.event] += 1
+                times, places = before[term.event], len(self.events[term.event])
+                if 1 < times < places:
+                    out[-1] = max(term.log_odds, made_again(times, places))
+        return out
+
+    @property
+    def events(self) -> dict[object, list[int]]:
+        """The places of the terms that are one event, by what it is: of those that came since, too."""
+        for j in range(self._placed, len(self.terms)):
+            if (event := self.terms[j].event) is not None:
+                self._found.setdefault(event, []).append(j)
+        self._placed = len(self.terms)
+        return self._found
 
     def _groups(self) -> list[list[Group]]:
         """Return what is scanned, by block: what came since the last time is laid out beside what was."""

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray, IntArray
-from hil.model.effects.data import OF_A_RUN, OTHER_SENSOR, Mislabelled
+from hil.model.effects.data import OF_A_RUN, Mislabelled
 from hil.model.effects.followed import driver_of
 from hil.model.effects.prior import SECOND_TIER, UNSEEN, in_another, ladder, middle, name_odds
 from hil.reconcile.search.candidates import POWERS, Candidate
@@ -59,7 +59,8 @@ class Term:
 
     Columns are of unit size, so that no unit matters: `scale` (p,) is what those of the candidate were divided by.
     `log_odds` are those of this very shape and form against nothing; `ties`: a parameter acts on several blocks. Else
-    it may be in some blocks alone: from each it is `absent` with this probability.
+    it may be in some blocks alone: from each it is `absent` with this probability. What happens, and may again, is one
+    `event` wherever it does.
     """
 
     name: str
@@ -71,6 +72,7 @@ class Term:
     log_odds: float
     ties: bool = False
     absent: float = 0.0
+    event: tuple[object, ...] | None = None
 
     @cached_property
     def follows(self) -> str:
@@ -86,11 +88,6 @@ class Term:
         return "" if self.is_mistake else self.name if self.tier == 1 else NO_NAME
 
     @property
-    def recurring(self) -> bool:
-        """Whether a set may have it more than once."""
-        return self.candidate.effect is not None and self.candidate.effect.recurring
-
-    @property
     def shared(self) -> str:
         """Under which name several sensors have it together; none of a mistake that is in one alone.
 
@@ -101,12 +98,6 @@ class Term:
             return self.name
         exchange = shape.get("exchange", OF_A_RUN)
         return f"{self.name} {shape['run']:g} {exchange:g}" if exchange > OF_A_RUN else ""
-
-    @property
-    def alike(self) -> float | None:
-        """What exchange, or turn, of labels it is, in whatever run; another sensor's rates tell of every run."""
-        exchange = self.candidate.shape.get("exchange") if self.is_mistake else None
-        return None if exchange == OTHER_SENSOR else exchange
 
     @property
     def is_mistake(self) -> bool:
@@ -154,7 +145,9 @@ def terms(
         shared, sized = any(a & b for a, b in itertools.combinations(acting, 2)), not _is_exact(candidate)
         ties, apart, log_odds = shared and sized, len(acting) > 1 and sized and not shared, float(np.log(odds))
         absent = 1.0 - in_another(candidate.effect) if apart and candidate.tier else 0.0
-        out.append(Term(candidate.name, candidate.tier, candidate, parts, own, scale, log_odds, ties, absent))
+        event = candidate.effect.happens(conditions, candidate.shape) if candidate.effect else None
+        told = None if event is None else (candidate.name, candidate.form, event)
+        out.append(Term(candidate.name, candidate.tier, candidate, parts, own, scale, log_odds, ties, absent, told))
     return _undescribed(out, bases)
 
 

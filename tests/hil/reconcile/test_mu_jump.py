@@ -145,7 +145,7 @@ def test_mu_is_larger_on_the_heating_branch_by_its_hysteresis() -> None:
 def test_what_happened_once_does_not_come_back_when_it_is_asked(name: str, why: str) -> None:
     """The same collects again show an ageing again; of a step they show whether noise makes one."""
     sensor: Any = SimpleNamespace(collects=stepped(1, 5, 3, 15.0, of_mu=False).sensors[2])
-    leader: Any = SimpleNamespace(effect=effect_by_id(name), name=name)
+    leader: Any = SimpleNamespace(effect=effect_by_id(name), name=name, shape={"from_run": 4.0, "runs_held": 0.0})
     told = next_experiment((leader, np.zeros(2)), None, None, sensor, 1.0)
     assert told is not None
     assert (told["what"], f"shows {why}" in told["why"]) == ("the same collects again", True)
