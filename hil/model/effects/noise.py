@@ -6,7 +6,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from hil.campaign import Conditions, FloatArray
+from hil.campaign import Conditions, FloatArray, IntArray
 from hil.model.effects.base import Base, Effect, Parameter, ShapeParameter, VarianceEffect
 from hil.model.effects.columns import HOUR_S, LEVEL, begun_min, channel_labels, column, middle_hr, per_channel
 from hil.model.effects.history import collect_interval_s, place_in_run
@@ -138,9 +138,14 @@ class Jump(_Steps):
     experiment = "Changepoint inside the collects; many repeats at one temperature."
 
     def kin_for(self, conditions: Conditions, shape: Mapping[str, float]) -> Mapping[str, float]:
-        """Return its kin; of a step after the whole first run, with what only that may show much of."""
+        """Return its kin; of a step after the whole first run, with what only that may show much of.
+
+        And of a run alone with its turn-on, unless power was on in others of the same cycle.
+        """
         of_a_first_run = {"warmup": 1.0, "soak_insufficient": 1.0}
-        kin = {**self.kin, "turnon": 1.0} if shape.get("runs_held") else self.kin  # one state, or scatter
+        cycle, own = _power_cycle_or_run(conditions), conditions.run == shape.get("from_run")
+        turned_on = shape.get("runs_held") and not np.isin(cycle[own], cycle[~own]).any()
+        kin = {**self.kin, "turnon": 1.0} if turned_on else self.kin  # one state, or scatter
         after_it = shape.get("from_run") in np.unique(conditions.run)[1:2] and not shape.get("from_collect")
         return {**kin, **of_a_first_run} if after_it else kin
 
@@ -315,10 +320,8 @@ class TurnOnBias(VarianceEffect):
     experiment = "Several power cycles at one temperature."
 
     def scatter(self, conditions: Conditions, shape: Mapping[str, float]) -> tuple[Scatter, ...]:
-        cycle = conditions.run
-        if np.all(np.isfinite(column(conditions, "time_since_power_on_s"))):
-            cycle = power_cycles(conditions).astype(np.int64)
-        return (Scatter(per_channel(np.ones(len(conditions)), conditions.sensor), group=cycle),)
+        every = per_channel(np.ones(len(conditions)), conditions.sensor)
+        return (Scatter(every, group=_power_cycle_or_run(conditions)),)
 
 
 class PowerCycleBias(Effect):
@@ -365,6 +368,12 @@ class PowerCycleBias(Effect):
 def power_cycles(conditions: Conditions) -> FloatArray:
     """Return when each row's power cycle began, in minutes of the campaign, (n,); 0 where no power-on is recorded."""
     return np.nan_to_num(begun_min(conditions, "time_since_power_on_s"))
+
+
+def _power_cycle_or_run(conditions: Conditions) -> IntArray:
+    """Return the power cycle of each row, (n,), or its run where cycles are not recorded."""
+    recorded = np.all(np.isfinite(column(conditions, "time_since_power_on_s")))
+    return power_cycles(conditions).astype(np.int64) if recorded else conditions.run
 
 
 class RetainerNoise(VarianceEffect):

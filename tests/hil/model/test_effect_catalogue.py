@@ -213,6 +213,9 @@ def test_the_history_of_a_jump_depends_on_when_it_acts() -> None:
     assert set(jump.kin_for(conditions, {"from_run": float(runs[1])})) == {"bias_T", "warmup", "soak_insufficient"}
     assert set(jump.kin_for(conditions, {"from_run": float(runs[2])})) == {"bias_T"}
     assert set(jump.kin_for(conditions, {"from_run": float(runs[1]), "from_collect": 2.0})) == {"bias_T"}
+    alone = {"from_run": float(runs[2]), "runs_held": 1.0}
+    assert set(jump.kin_for(conditions, alone)) == {"bias_T"}  # power was on before it and after it
+    assert set(jump.kin_for(replace(conditions, columns={}), alone)) == {"bias_T", "turnon"}
 
 
 @pytest.mark.parametrize("form", FORM_EFFECTS)

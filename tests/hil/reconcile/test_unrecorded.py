@@ -104,12 +104,21 @@ def test_two_candidates_for_one_condition_are_not_guessed_between() -> None:
 
 @pytest.mark.slow
 def test_one_run_that_stands_alone_may_be_a_state_or_scatter() -> None:
-    """A bearing's other state and a turn-on bias are the same in one run: ambiguous, and it is said what parts them."""
-    result = reconcile(hidden_campaign(7, lambda r: both(r.run == 6, 9.0, -9.0)), "matrix-6-thermal")
+    """A bearing's other state and a turn-on bias are the same in one run: ambiguous, and it is said what parts them.
+
+    Unless power is known to have been on from the run before to the one after.
+    """
+    alone = hidden_campaign(7, lambda r: both(r.run == 6, 9.0, -9.0))
+    result = reconcile(with_columns(alone, time_since_power_on_s=None), "matrix-6-thermal")
     assert result.verdict == "ambiguous"
     assert {"jump", "turnon"} <= names(result)
     assert result.next_experiment is not None
     assert "separates jump from turnon" in result.next_experiment["why"]
+    start_s = alone.sensors[2].conditions.start_s
+    result = reconcile(with_columns(alone, time_since_power_on_s=start_s + 600.0), "matrix-6-thermal")
+    assert result.verdict == "named"
+    assert "jump" in names(result)
+    assert "turnon" not in names(result)
 
 
 @pytest.mark.slow
