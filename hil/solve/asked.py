@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Self
 
 import numpy as np
 from scipy.special import logsumexp
@@ -11,7 +12,7 @@ from scipy.special import logsumexp
 from hil.campaign import FloatArray, IntArray
 from hil.model.effects.data import of_a_run, put_right
 from hil.model.effects.prior import COMMON, log_sum
-from hil.solve.causes import ODDS, OWN, TOLD, WIDE, Cause, Runs, Tried, Ways, made_again, some_of
+from hil.solve.causes import ODDS, OWN, TOLD, WIDE, Cause, Runs, Tried, Ways, explained, made_again, off_along, some_of
 from hil.solve.whitened import Whitened
 
 DOUBTED = 0.5
@@ -92,7 +93,7 @@ class Asked:
         if self.rates.freedom < 1.0:
             return 0.0, 1.0, []
         singly = [some_of(each, np.isin(each.runs, each.runs if run is None else run)) for each in self._tried()]
-        ways = [*(each.ways() for each in singly), *self._twice(singly)]
+        ways = [*(each.ways() for each in singly), *self._twice(singly), *self._again(singly)]
         found = self._posterior(ways)
         return self._posterior([*ways, *self._another(singly)]) if found[1] < DOUBTED and run is None else found
 
@@ -150,6 +151,43 @@ class Asked:
             i, j = np.nonzero(np.triu(left < np.minimum(alone[near, None], alone[near]), 1))
             both = partial(_both, every, near[i], near[j])
             yield log_odds[near[i]] + made_again(2, runs), left[i, j], both
+
+    def _again(self, singly: Sequence[Tried]) -> Iterator[Ways]:
+        """Yield what several runs have of their own alike: alone, each is hidden by what the others make of the noise.
+
+        All twos, and as many more beside the likeliest of these as leave less.
+        """
+        alike: dict[tuple[object, ...], list[tuple[Tried, int]]] = {}
+        for each in singly:
+            if each.along is not None:
+                own = alike.setdefault((each.what, each.channels, each.values), [])
+                own += [(each, k) for k in range(len(each.left))]
+        runs = len(self.rates.collects.conditions.of_each_run)
+        for every in alike.values():
+            several = _Several.of(self.rates, every)
+            log_odds, left = (np.array([getattr(each, of)[k] for each, k in every]) for of in ("log_odds", "left"))
+            grown: list[tuple[float, float, tuple[int, ...]]] = []
+            layer: list[tuple[float, float, tuple[int, ...]]] = [
+                (log_odds[i], left[i], (i,)) for i in range(len(every))
+            ]
+            for times in range(2, 1 + runs // 2):
+                further = []
+                for odds, rest, chosen in layer:
+                    less, paid = several.beside(chosen)
+                    others = range(chosen[-1] + 1, len(every)) if times == 2 else {*range(len(every))} - {*chosen}
+                    again = odds + made_again(times, runs)
+                    further += [(again - paid[j], rest - less[j], (*chosen, j)) for j in others if less[j] > 0.0]
+                if not further:
+                    break
+                grown += further
+                worth = np.array([odds for odds, *_ in further]) + self._evidence(np.array([s for _, s, _ in further]))
+                layer = [further[int(np.argmax(worth))]]
+            if grown:
+                yield (
+                    np.array([odds for odds, *_ in grown]),
+                    np.array([rest for _, rest, _ in grown]),
+                    partial(several.causes, [chosen for *_, chosen in grown]),
+                )
 
     def _evidence(self, squares: FloatArray) -> FloatArray:
         """Log probability of residual squares (h,), whatever the size of the noise."""
@@ -225,6 +263,53 @@ class Asked:
                 # What is no longer this sensor's is the other's, which must not agree less with it for that.
                 theirs = [min(beside.instead(run), 0.0) for run in tried.runs.tolist()]
                 yield replace(tried, log_odds=np.array(theirs), instead=beside.rates[tried.rows])
+
+
+@dataclass(frozen=True)
+class _Several:
+    """What `every` of n runs may have of its own, alike: squares (n, q, q), products (n, q), and what all show of it.
+
+    `shown` is (n, p, q).
+    """
+
+    every: Sequence[tuple[Tried, int]]
+    squares: FloatArray
+    products: FloatArray
+    shown: FloatArray
+
+    @classmethod
+    def of(cls, rates: Whitened, every: Sequence[tuple[Tried, int]]) -> Self:
+        """Return what some causes do to rates."""
+        squares, products, shown = [], [], []
+        for each, k in every:
+            run, own = int(each.runs[k]), np.zeros((0, 0)) if each.along is None else each.along[k]
+            free, apart = rates.of(run)
+            squares.append(own.T @ free @ own)
+            products.append(own.T @ apart)
+            shown.append(rates.shown(run) @ own)
+        return cls(every, np.array(squares), np.array(products), np.array(shown))
+
+    def _together(self, chosen: Sequence[int]) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return what those chosen, as one, add: shown (p, k·q), the inverse of their squares, their products."""
+        shown = np.hstack([self.shown[i] for i in chosen])
+        squares, q = -shown.T @ shown, self.products.shape[1]
+        for k, i in enumerate(chosen):
+            squares[k * q : (k + 1) * q, k * q : (k + 1) * q] = self.squares[i]
+        return shown, np.linalg.pinv(squares, hermitian=True), self.products[[*chosen]].reshape(-1)
+
+    def beside(self, chosen: Sequence[int]) -> tuple[FloatArray, FloatArray]:
+        """Return by how much less squares are with each beside those chosen, (n,), and what it pays for that, (n,)."""
+        shown, inverse, products = self._together(chosen)
+        common = -np.swapaxes(self.shown, 1, 2) @ shown
+        own = self.squares - common @ inverse @ np.swapaxes(common, 1, 2)
+        size, off, _ = off_along(own, self.products - common @ inverse @ products)
+        return explained(size, off)
+
+    def causes(self, several: Sequence[Sequence[int]], i: int) -> tuple[Cause, ...]:
+        """Return the causes of one of several sets, each as far off as it is beside the others."""
+        _, inverse, products = self._together(several[i])
+        off = (inverse @ products).reshape(len(several[i]), -1)
+        return tuple(each.one(k, by) for (each, k), by in zip([self.every[j] for j in several[i]], off, strict=True))
 
 
 def _in_common(log_odds: float, elsewhere: float | None) -> float:

@@ -80,7 +80,9 @@ def all_of(causes: Sequence[str]) -> str:
 class Tried:
     """Causes (t,) of one sort, each in one of `runs` (t,), which have `rows` (t, k), at a `place` (t, q) among these.
 
-    `off` (t, c) and `instead` (t, k, c) are those of the causes, `moved` (t, k·c) is how each moves its run's rates.
+    `off` (t, c) and `instead` (t, k, c) are those of the causes, `moved` (t, k·c) is how each moves its run's rates. Of
+    what a run has of its own, `values` says which, and `along` (t, k·c, q) and `size` (t, c, q) what each of these does
+    to its rates, and by how much, deg/hr, to that which is off most.
     """
 
     what: str
@@ -93,10 +95,15 @@ class Tried:
     off: FloatArray | None = None
     moved: FloatArray | None = None
     instead: FloatArray | None = None
+    values: tuple[int, ...] = ()
+    along: FloatArray | None = None
+    size: FloatArray | None = None
 
-    def one(self, i: int) -> Cause:
-        """Return one of them."""
+    def one(self, i: int, own: FloatArray | None = None) -> Cause:
+        """Return one of them, or with other values (q,) of its run's own."""
         off = () if self.off is None else tuple(self.off[i].tolist())
+        if own is not None and self.size is not None:
+            off = tuple((self.size[i] @ own).tolist())
         instead = () if self.instead is None else tuple(map(tuple, self.instead[i].tolist()))
         rows = tuple(self.rows[i][self.place[i]].tolist())
         return Cause(self.what, int(self.runs[i]), rows, self.channels, off, instead)
@@ -142,8 +149,8 @@ class Runs:
     @property
     def most(self) -> FloatArray:
         """By how much whatever may be wrong with each run lessens the squares at most, (m,)."""
-        size, along, _ = _along(self.free, self.apart)
-        return np.asarray(np.sum(along**2 * size, axis=1))
+        size, off, _ = off_along(self.free, self.apart)
+        return np.asarray(np.sum(off**2 * size, axis=1))
 
     def rows_off(self) -> Iterator[Tried]:
         """Yield rates, and collects, that may be anywhere."""
@@ -160,28 +167,34 @@ class Runs:
         columns = (level[..., None] * np.eye(level.shape[2])).reshape(*self.apart.shape, -1)
         for c in range(level.shape[2]):
             told = self.known[..., c].sum(axis=1) > 1
-            yield from some_of(self, told).anywhere("bias", columns[told][..., [c]], (c,))
+            yield from some_of(self, told).anywhere("bias", columns[told][..., [c]], (c,), values=(c,))
         if level.shape[2] > 1:
-            yield from self.anywhere("bias", columns)
+            yield from self.anywhere("bias", columns, values=tuple(range(level.shape[2])))
         if self.mu.shape[2]:
             moved = self.mu / np.maximum(np.abs(self.mu).max(axis=(1, 2), keepdims=True), 1e-12)
             felt = (np.abs(moved) > _FELT).sum(axis=(1, 2)) > moved.shape[2]  # else one rate tells it, and is wrong
-            for some in (np.s_[:1], np.s_[1:], np.s_[:]):
-                yield from some_of(self, felt).anywhere("MU", moved[felt][..., some])
+            for some in ((0,), (1,), (0, 1)):
+                yield from some_of(self, felt).anywhere("MU", moved[felt][..., some], values=some)
 
     def anywhere(
-        self, what: str, columns: FloatArray, channels: tuple[int, ...] = (), row: int = -1
+        self,
+        what: str,
+        columns: FloatArray,
+        channels: tuple[int, ...] = (),
+        row: int = -1,
+        values: tuple[int, ...] = (),
     ) -> Iterator[Tried]:
         """Yield a cause along columns (k·c, q), or (m, k·c, q), of one row or of all; what it pays for that."""
         across = np.swapaxes(columns, -1, -2)
-        size, off, directions = _along(across @ self.free @ columns, (across @ self.apart[..., None])[..., 0])
+        size, off, directions = off_along(across @ self.free @ columns, (across @ self.apart[..., None])[..., 0])
         row_of_most = np.abs(columns).sum(axis=-1).reshape(-1, *self.known.shape[1:]).sum(axis=(0, 2)).argmax()
-        wide = np.maximum(off**2, WIDE**2) * size
-        left = self.squares - np.sum(off**2 * size * wide / (1.0 + wide), axis=1)
-        most = np.s_[:, row if row >= 0 else row_of_most]
-        by = (columns @ (directions @ off[..., None])).reshape(self.known.shape)[most]
-        tried = self._tried(what, channels, left, off=by / np.maximum(self.weight[most], 1e-12))
-        tried = replace(tried, log_odds=-0.5 * np.log1p(wide).sum(axis=1))
+        less, paid = explained(size, off)
+        most, every = np.s_[:, row if row >= 0 else row_of_most], (len(self.runs), *columns.shape[-2:])
+        own_columns = np.broadcast_to(columns, every)
+        does = own_columns.reshape(*self.known.shape, -1)[most] / np.maximum(self.weight[most], 1e-12)[..., None]
+        by = (does @ (directions @ off[..., None]))[..., 0]
+        own = {"along": own_columns, "size": does} if values else {}
+        tried = replace(self._tried(what, channels, self.squares - less, off=by, **own), log_odds=-paid, values=values)
         yield some_of(tried if row < 0 else replace(tried, place=tried.place[:, [row]]), np.any(size, axis=1))
 
     def exchanged(self) -> Iterator[Tried]:
@@ -203,12 +216,18 @@ class Runs:
         left = self.squares + np.sum(moved * (2.0 * self.apart + (self.free @ moved[..., None])[..., 0]), axis=1)
         yield some_of(self._tried(what, channels, left, moved=moved), np.isfinite(left))
 
-    def _tried(self, what: str, channels: tuple[int, ...], left: FloatArray, **of: FloatArray) -> Tried:
+    def _tried(self, what: str, channels: tuple[int, ...], left: FloatArray, **of: Any) -> Tried:
         place = np.broadcast_to(np.arange(self.rows.shape[1]), self.rows.shape)
         return Tried(what, channels, self.runs, self.rows, place, left, np.zeros(len(left)), **of)
 
 
-def _along(squares: FloatArray, products: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def explained(size: FloatArray, off: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return by how much less squares are, (m,), with what may be `off` (m, q) anywhere, and what it pays for that."""
+    wide = np.maximum(off**2, WIDE**2) * size
+    return np.sum(off**2 * size * wide / (1.0 + wide), axis=1), 0.5 * np.log1p(wide).sum(axis=1)
+
+
+def off_along(squares: FloatArray, products: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return sizes (m, q) of directions (m, q, q) of squares, and how far off products (m, q) are; 0 where untold."""
     size, directions = np.linalg.eigh(squares)
     size = np.where(size > TOLD, size, 0.0)
