@@ -22,7 +22,7 @@ _SOME = 0.01  # probability of what says at which temperatures rates may be nois
 _FIRST = 3  # runs of which it is asked what else is wrong beside what is likeliest of them
 _LEAST_RUNS = 2  # of so few both are all
 _AT_ONCE = 4000  # ways of which it is asked how probable they are: of a life all of them would fill the memory
-_NEXT_TO_NONE = 1e-20  # of what the likeliest has: ways that are less probable do not even decide between two
+_NEXT_TO_NONE = 1e-4  # probability of all ways together that do not even decide between two
 _TIMES = np.geomspace(0.05, 500.0, 93)  # that standard errors are too small by
 _RIGHT, _NEARLY = 0.7, 0.15  # probability that they are as stated, within
 _OTHERWISE = 0.7  # and else the usual size of the logarithm of how many times they are not
@@ -104,7 +104,8 @@ class Asked:
         log_whole = float(logsumexp(weights))
         weights = np.exp(weights - log_whole)
         ends = np.cumsum([1, *(len(left) for _, left, _ in ways)])
-        told = 1 + np.flatnonzero(weights[1:] > _NEXT_TO_NONE * weights[1:].max(initial=0.0))
+        order = 1 + np.argsort(-weights[1:])
+        told = order[np.cumsum(weights[order]) - weights[order] < 1.0 - weights[0] - _NEXT_TO_NONE]
         of = np.searchsorted(ends, told, side="right") - 1
         found = [(ways[w][2](k), float(weights[i])) for i, w, k in zip(told, of, told - ends[of], strict=True)]
         once: dict[frozenset[Cause], tuple[tuple[Cause, ...], float]] = {}  # two are met from either
@@ -153,41 +154,30 @@ class Asked:
             yield log_odds[near[i]] + made_again(2, runs), left[i, j], both
 
     def _again(self, singly: Sequence[Tried]) -> Iterator[Ways]:
-        """Yield what several runs have of their own alike: alone, each is hidden by what the others make of the noise.
+        """Yield what several runs have of their own: alone, each is hidden by what the others make of the noise.
 
-        All twos, and as many more beside the likeliest of these as leave less.
+        All twos, and as many more beside the likeliest of these as that is worth.
         """
-        alike: dict[tuple[object, ...], list[tuple[Tried, int]]] = {}
+        alike: dict[str, list[tuple[Tried, int]]] = {}
         for each in singly:
-            if each.along is not None:
-                own = alike.setdefault((each.what, each.channels, each.values), [])
-                own += [(each, k) for k in range(len(each.left))]
+            if each.along is not None and len(each.left):
+                alike.setdefault(each.what, []).extend((each, k) for k in range(len(each.left)))
         runs = len(self.rates.collects.conditions.of_each_run)
         for every in alike.values():
-            several = _Several.of(self.rates, every)
+            several, kinds = _Several.of(self.rates, every), len({each.values for each, _ in every})
             log_odds, left = (np.array([getattr(each, of)[k] for each, k in every]) for of in ("log_odds", "left"))
-            grown: list[tuple[float, float, tuple[int, ...]]] = []
-            layer: list[tuple[float, float, tuple[int, ...]]] = [
-                (log_odds[i], left[i], (i,)) for i in range(len(every))
-            ]
+            places, best = np.arange(len(every))[:, None], -np.inf
             for times in range(2, 1 + runs // 2):
-                further = []
-                for odds, rest, chosen in layer:
-                    less, paid = several.beside(chosen)
-                    others = range(chosen[-1] + 1, len(every)) if times == 2 else {*range(len(every))} - {*chosen}
-                    again = odds + made_again(times, runs)
-                    further += [(again - paid[j], rest - less[j], (*chosen, j)) for j in others if less[j] > 0.0]
-                if not further:
+                odds = log_odds + made_again(times, runs) - float(np.log(kinds))
+                places, log_odds, left = several.further(places, odds, left)
+                if not len(places):
                     break
-                grown += further
-                worth = np.array([odds for odds, *_ in further]) + self._evidence(np.array([s for _, s, _ in further]))
-                layer = [further[int(np.argmax(worth))]]
-            if grown:
-                yield (
-                    np.array([odds for odds, *_ in grown]),
-                    np.array([rest for _, rest, _ in grown]),
-                    partial(several.causes, [chosen for *_, chosen in grown]),
-                )
+                yield log_odds, left, partial(several.causes, places)
+                worth = log_odds + self._evidence(left)
+                if worth.max() < best - _HARDLY_ANY:
+                    break
+                best, first = max(best, float(worth.max())), [int(np.argmax(worth))]
+                places, log_odds, left = places[first], log_odds[first], left[first]
 
     def _evidence(self, squares: FloatArray) -> FloatArray:
         """Log probability of residual squares (h,), whatever the size of the noise."""
@@ -267,12 +257,13 @@ class Asked:
 
 @dataclass(frozen=True)
 class _Several:
-    """What `every` of n runs may have of its own, alike: squares (n, q, q), products (n, q), and what all show of it.
+    """What `every` of n causes in `runs` (n,) does: squares (n, q, q), products (n, q), and `shown` (n, p, q) by all.
 
-    `shown` is (n, p, q).
+    What has fewer values than q has some that do nothing.
     """
 
     every: Sequence[tuple[Tried, int]]
+    runs: IntArray
     squares: FloatArray
     products: FloatArray
     shown: FloatArray
@@ -280,36 +271,53 @@ class _Several:
     @classmethod
     def of(cls, rates: Whitened, every: Sequence[tuple[Tried, int]]) -> Self:
         """Return what some causes do to rates."""
-        squares, products, shown = [], [], []
-        for each, k in every:
-            run, own = int(each.runs[k]), np.zeros((0, 0)) if each.along is None else each.along[k]
-            free, apart = rates.of(run)
-            squares.append(own.T @ free @ own)
-            products.append(own.T @ apart)
-            shown.append(rates.shown(run) @ own)
-        return cls(every, np.array(squares), np.array(products), np.array(shown))
+        most = max(len(each.values) for each, _ in every)
+        runs = np.array([each.runs[k] for each, k in every])
+        own = [np.zeros((0, 0)) if each.along is None else each.along[k] for each, k in every]
+        own = [np.pad(of, ((0, 0), (0, most - of.shape[1]))) for of in own]
+        changed = {run: (*rates.of(run), rates.shown(run)) for run in dict.fromkeys(runs.tolist())}
+        laid = [(of, *changed[run]) for of, run in zip(own, runs.tolist(), strict=True)]
+        does = ((of.T @ free @ of, of.T @ apart, shows @ of) for of, free, apart, shows in laid)
+        return cls(every, runs, *map(np.array, zip(*does, strict=True)))
 
-    def _together(self, chosen: Sequence[int]) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return what those chosen, as one, add: shown (p, k·q), the inverse of their squares, their products."""
-        shown = np.hstack([self.shown[i] for i in chosen])
-        squares, q = -shown.T @ shown, self.products.shape[1]
-        for k, i in enumerate(chosen):
-            squares[k * q : (k + 1) * q, k * q : (k + 1) * q] = self.squares[i]
-        return shown, np.linalg.pinv(squares, hermitian=True), self.products[[*chosen]].reshape(-1)
+    def _together(self, places: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return what some (g, k), as one, do: shown (g, p, k·q), the inverse of squares, and how far off, (g, k·q).
 
-    def beside(self, chosen: Sequence[int]) -> tuple[FloatArray, FloatArray]:
-        """Return by how much less squares are with each beside those chosen, (n,), and what it pays for that, (n,)."""
-        shown, inverse, products = self._together(chosen)
-        common = -np.swapaxes(self.shown, 1, 2) @ shown
-        own = self.squares - common @ inverse @ np.swapaxes(common, 1, 2)
-        size, off, _ = off_along(own, self.products - common @ inverse @ products)
-        return explained(size, off)
+        What does nothing is off by nothing.
+        """
+        (several, k), q = places.shape, self.products.shape[1]
+        shown = np.moveaxis(self.shown[places], 1, 2).reshape(several, -1, k * q)
+        squares = -np.swapaxes(shown, 1, 2) @ shown
+        for i in range(k):
+            squares[:, i * q : (i + 1) * q, i * q : (i + 1) * q] = self.squares[places[:, i]]
+        inverse = np.asarray(np.linalg.pinv(squares, hermitian=True), dtype=np.float64)
+        return shown, inverse, (inverse @ self.products[places].reshape(several, -1, 1))[..., 0]
 
-    def causes(self, several: Sequence[Sequence[int]], i: int) -> tuple[Cause, ...]:
-        """Return the causes of one of several sets, each as far off as it is beside the others."""
-        _, inverse, products = self._together(several[i])
-        off = (inverse @ products).reshape(len(several[i]), -1)
-        return tuple(each.one(k, by) for (each, k), by in zip([self.every[j] for j in several[i]], off, strict=True))
+    def further(
+        self, places: IntArray, log_odds: FloatArray, left: FloatArray
+    ) -> tuple[IntArray, FloatArray, FloatArray]:
+        """Return some (g, k) with each in another run that leaves less beside them: places, log odds and left.
+
+        Less what each pays for being off by anything; of two either may be the first.
+        """
+        shown, inverse, off = self._together(places)
+        common = -np.einsum("npq,gpk->gnqk", self.shown, shown, optimize=True)
+        own = self.squares - common @ inverse[:, None] @ np.swapaxes(common, 2, 3)
+        products = self.products - (common @ off[:, None, :, None])[..., 0]
+        several, n, q = products.shape
+        size, by, _ = off_along(own.reshape(-1, q, q), products.reshape(-1, q))
+        less, paid = (of.reshape(several, n) for of in explained(size, by))
+        other = (self.runs != self.runs[places][..., None]).all(axis=1)
+        if places.shape[1] == 1:
+            other &= np.arange(n) > places
+        g, j = np.nonzero((less > 0.0) & other)
+        return np.column_stack([places[g], j]), log_odds[g] - paid[g, j], left[g] - less[g, j]
+
+    def causes(self, places: IntArray, i: int) -> tuple[Cause, ...]:
+        """Return the causes of one of several sets (g, k), each as far off as it is beside the others."""
+        off = self._together(places[[i]])[2].reshape(places.shape[1], -1)
+        every = (self.every[j] for j in places[i].tolist())
+        return tuple(each.one(k, by[: len(each.values)]) for (each, k), by in zip(every, off, strict=True))
 
 
 def _in_common(log_odds: float, elsewhere: float | None) -> float:

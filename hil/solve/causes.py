@@ -191,7 +191,10 @@ class Runs:
         less, paid = explained(size, off)
         most, every = np.s_[:, row if row >= 0 else row_of_most], (len(self.runs), *columns.shape[-2:])
         own_columns = np.broadcast_to(columns, every)
-        does = own_columns.reshape(*self.known.shape, -1)[most] / np.maximum(self.weight[most], 1e-12)[..., None]
+        does = (
+            own_columns.reshape(*self.known.shape, columns.shape[-1])[most]
+            / np.maximum(self.weight[most], 1e-12)[..., None]
+        )
         by = (does @ (directions @ off[..., None]))[..., 0]
         own = {"along": own_columns, "size": does} if values else {}
         tried = replace(self._tried(what, channels, self.squares - less, off=by, **own), log_odds=-paid, values=values)
