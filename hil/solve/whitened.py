@@ -272,7 +272,8 @@ def _scatter(
         order, degrees = min(_CURVE, (len(met) - _LEAST) // 2), float(len(met) - 2)
         common = np.vander((degC - degC.mean()) / np.ptp(degC), order + 1).T @ common
         typical[:] = 0.0  # what is off a curve is also what the curve of a unit is off one of that order
-    scatter = np.tile(_most_are_within(apart), (len(groups), 1))
+    least = np.maximum(1.0 / np.sqrt(1.0 + degrees / _LEAST), np.median(errors, axis=0))
+    scatter = np.tile(np.maximum(_most_are_within(apart), least), (len(groups), 1))
     known_by = np.full(scatter.shape, degrees)
     for k, of in enumerate(apart_in):
         if len(repeated[k]) >= _REPEATED:  # of which one that is wrong does not move what most are within
@@ -289,7 +290,7 @@ def _scatter(
 
 def _most_are_within(apart: Sequence[FloatArray]) -> FloatArray:
     """Return the scatter (p,) of values by differences of two, (p,) each, which a few that are wrong do not move."""
-    return np.maximum(_SIGMA * np.quantile(np.abs(np.array(apart)), _SHARE, axis=0, method="lower"), 1.0)
+    return np.asarray(_SIGMA * np.quantile(np.abs(np.array(apart)), _SHARE, axis=0, method="lower"))
 
 
 def _off_a_line(known: Sequence[tuple[float, FloatArray]]) -> list[FloatArray]:
