@@ -116,8 +116,13 @@ def not_settled(campaign: Campaign) -> dict[int, dict[int, str]]:
     return {n: {run: of for run, of in told[n].items() if run in rows.conditions.run} for n, rows in used.items()}
 
 
-def otherwise(campaign: Campaign, rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Say where the search's `rows` are not what the quick form, which numbers are made from, does or doubts."""
+def otherwise(
+    campaign: Campaign, rows: Sequence[Mapping[str, Any]], named: Collection[tuple[int, int]] = ()
+) -> list[str]:
+    """Say where the search's `rows` are not what the quick form, which numbers are made from, does or doubts.
+
+    Runs of sensors that are `named` for what is in them alone are doubted by both.
+    """
 
     def rates(of: Sequence[Mapping[str, Any]]) -> set[tuple[int, str, int]]:
         return {
@@ -130,6 +135,7 @@ def otherwise(campaign: Campaign, rows: Sequence[Mapping[str, Any]]) -> list[str
     search, quick = (rates([row for row in of if row["done"] != USED]) for of in (rows, asked))
     known = rates(rows)
     doubted = [row for row in asked if row["done"] == USED and not rates([row]) & known]
+    doubted = [row for row in doubted if (row["sensor"], row["run"]) not in named]
     here = "by hil solve, report, budget, thermal and visibility, which look less closely"
     unsaid = "hil solve doubts, and no row is called wrong here"
     differ: dict[tuple[str, int, tuple[int, ...]], list[str]] = {}

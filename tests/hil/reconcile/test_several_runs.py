@@ -1,0 +1,45 @@
+"""What happened in one run happened in others: more probably than it happened at all, and each hides the other."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hil.reconcile import reconcile
+from hil.solve.wrong_rows import wrong_rows
+from tests.hil.reconcile.hidden_effects import base_rates, campaign_of, lay_out
+
+FOUR = (0.0, 20.0, 40.0, 60.0)
+OF = {"jump": ("BA", "J_A", 60.0, (2, 7, 12)), "MU_jump": ("MUA", "JMUA", 17.0, (2, 6, 9))}
+
+
+@pytest.mark.parametrize("name", sorted(OF))
+def test_what_several_runs_have_of_their_own_has_its_name_in_each_and_solve_says_the_same(name: str) -> None:
+    """Three of twelve runs were an offset from run to run, in every ± and every mean, and stated of all nights."""
+    parameter, value, size, runs = OF[name]
+    rng = np.random.default_rng(1)
+    rows = lay_out(rng, FOUR, 3)
+    off = size * np.isin(rows.run, runs)
+    rates = base_rates(rows, thermal=False) + rng.normal(0.0, 0.9, (len(rows), 2))
+    rates += np.stack([off, 0.0 * off] if name == "jump" else [0.0 * off, -off * rows.f[:, 2]], 1)
+    made = campaign_of(rows, rates)
+    result = reconcile(made, "matrix-6", prove=False)
+    (effect,) = result.effects
+    told = [of for of in effect.parameters if of["name"] == value]
+    assert (effect.id, [of["when"].split()[2] for of in told]) == (name, [str(run) for run in runs])
+    assert all(abs(of["value"] - size) < 4.0 * of["se"] < 8.0 for of in told)
+    assert not any(each["run_offset_se_deg_per_hr"] for each in result.noise)
+    assert not any("hil solve doubts" in note for note in result.notes)
+    assert wrong_rows(made)[2].another == {parameter: frozenset(runs)}
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_what_differs_from_run_to_run_is_no_row_of_events(seed: int) -> None:
+    """A bias of its own in every run, as large as it is usual: no event, however often one is asked about."""
+    rng = np.random.default_rng(seed)
+    rows = lay_out(rng, FOUR, 3)
+    rates = base_rates(rows, thermal=False) + rng.normal(0.0, 0.9, (len(rows), 2))
+    rates += rng.normal(0.0, 4.0, (13, 2))[rows.run]
+    made = campaign_of(rows, rates)
+    assert not [effect.id for effect in reconcile(made, "matrix-6", prove=False).effects]
+    assert not wrong_rows(made)[2].another
