@@ -17,7 +17,7 @@ from hil.campaign.data import known_mean
 from hil.campaign.stand_ins import OWN
 from hil.config.bench import Bench
 from hil.config.sweep import Sweep, check_sweep_against_bench
-from hil.design.budget.sources import Scene, Source, sources
+from hil.design.budget.sources import Scene, Source, sources, stated_by
 from hil.design.conditions import planned_conditions
 from hil.design.visibility.map import base_values
 from hil.errors import InputError
@@ -67,7 +67,7 @@ class RunScene:
 def planned_scenes(sweep: Sweep, bench: Bench, model: Model | None = None) -> dict[int, list[RunScene]]:
     """Return the runs of each sensor as the files plan them; raises `InputError` where they do not fit together."""
     check_sweep_against_bench(sweep, bench)
-    planned = planned_conditions(make_plan(sweep.procedure()), bench)
+    planned, stating = planned_conditions(make_plan(sweep.procedure()), bench), model
     if model is not None:
         model = fitting_conditions(model, [*planned.values()])
     elif bench.simulation_model:
@@ -89,11 +89,11 @@ def planned_scenes(sweep: Sweep, bench: Bench, model: Model | None = None) -> di
             raise InputError(f"{sweep.source}: collect.duration: {conditions.duration_s.min():g} s averages no noise")
         axes = np.array([bench.sensors[number].built[label].axes for label in conditions.position])
         form = default_form(conditions.rows(conditions.run == conditions.run[0]))
-        found[number] = []
+        found[number], every = [], given + stated_by(stating, conditions)
         for run, here in conditions.of_each_run.items():
             base, origin = _base(conditions.rows(here), model)
             scene = Scene(conditions.rows(here), axes[here], base, sigma[here])
-            found[number].append(RunScene(run, scene, given, form, origin, _at(conditions, here)))
+            found[number].append(RunScene(run, scene, every, form, origin, _at(conditions, here)))
     return found
 
 
@@ -136,6 +136,7 @@ def _measured_runs(
             shown = shown if assumed is None else replace(shown, noise_times=assumed[run])
             noisy, noise_by = shown.noise_times, shown.noise_by(noise_by)
         given = sources(bench.uncertainties, bench.name, *_slope(conditions), noise_by)
+        given += stated_by(model, conditions)
         base, origin = _base(conditions, model) if model is not None else _solved(rows, form)
         axes = _axes(conditions, bench)
         north = bool(np.any(local_frame(conditions).north))

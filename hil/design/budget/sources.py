@@ -27,6 +27,7 @@ from hil.config.site import UncertaintySection
 from hil.model.effects.base import Base
 from hil.model.effects.geometry import unit_vectors
 from hil.model.equation import pickoff_rates
+from hil.model.model_file import Model
 
 _STILL_RAD = 1e-6  # a turn smaller than this is no move: the unit stays where it was
 
@@ -132,6 +133,27 @@ class Instability(Noise):
 
     def each(self, scene: Scene) -> FloatArray:
         return np.full_like(scene.sigma, self.per_unit)
+
+
+class Stated(Source):
+    """What a model states that averages scatter by beside their own noise: the catalogue's scatter, or by run."""
+
+    id, title, unit, varies = "stated", "scatter that the model states", "times as stated", "run"
+
+    def __init__(self, model: Model) -> None:
+        super().__init__(1.0, f"model {model.title}")
+        self.model = model
+
+    def columns(self, scene: Scene) -> FloatArray:
+        """Return a root of the covariance (n·c, n·c) of what it states."""
+        n, c = scene.sigma.shape
+        parts = self.model.stated_scatter(scene.conditions)
+        covariance = sum((part.covariance(scene.conditions) for part in parts), np.zeros((n * c, n * c)))
+        size, directions = np.linalg.eigh(covariance)
+        return np.asarray((directions * np.sqrt(np.maximum(size, 0.0))).reshape(n, c, n * c))
+
+    def changes(self, scene: Scene, draws: FloatArray) -> FloatArray:
+        return np.asarray(np.einsum("nck,dk->dnc", self.columns(scene), draws))
 
 
 class _Turn(Source):
@@ -282,6 +304,11 @@ class Soak(Source):
 
 _STATED = (Tilt, Accelerometer, Heading, Latitude, EarthRate, Gravity, Index, Drift)
 """Those whose size the bench file's `uncertainties` have under the source's own id."""
+
+
+def stated_by(model: Model | None, conditions: Conditions) -> tuple[Source, ...]:
+    """Return what a model states that these collects scatter by, as a source; none where it states nothing."""
+    return (Stated(model),) if model is not None and model.stated_scatter(conditions) else ()
 
 
 def sources(

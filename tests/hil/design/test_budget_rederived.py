@@ -160,3 +160,28 @@ def test_a_model_of_the_sweeps_own_temperatures_serves_for_the_next_night() -> N
     }
     model = Model(schema=shipped.schema_, title="t", form="matrix-6", sensors={2: curves})
     assert planned_scenes(load_sweep("rd-gc-86-1"), load_bench("simulated"), model)[2]
+
+
+def test_what_a_model_states_that_runs_scatter_by_is_a_source() -> None:
+    """A run's BA and MU scatter by just what is stated of them: collects of one run tell them as they then are."""
+    shipped = load_model("rd-gc-86-1-truth")
+    curves = {name: Constant(unit=each.unit, value=1.0) for name, each in shipped.sensors[2].items()}
+    said = {
+        "run_to_run": {"BA": {"unit": "deg/hr", "value": 2.0}},
+        "scatter": [{"effect": "MU_rr", "parameters": {"s_mu": {"unit": "deg/hr/g", "value": 5.0}}}],
+    }
+    stating = Model(schema=shipped.schema_, title="t", form="matrix-6", sensors={2: curves}, noise={2: said})
+    one = planned_scenes(load_sweep("rd-gc-86-1"), load_bench("simulated"), stating)[2][0]
+    (stated,) = (each for each in one.sources if each.id == "stated")
+    budget = Budget(one.scene, one.sources, one.form, draws=20_000, seed=4)
+    share = next(each for each in budget.shares if each.source is stated)
+    wanted = {"BA": 2.0, "BB": 0.0, "GSA": 0.0, "GSB": 0.0, "MUA": 5.0, "MUB": 5.0}
+    assert dict(zip(budget.names, share.analytic, strict=True)) == pytest.approx(wanted, abs=1e-6)
+    assert budget.from_run_to_run[budget.names.index("MUA")] > 5.0
+    assert budget.agrees
+    silent = Model(schema=shipped.schema_, title="t", form="matrix-6", sensors={2: curves})
+    assert not [
+        each
+        for each in planned_scenes(load_sweep("rd-gc-86-1"), load_bench("simulated"), silent)[2][0].sources
+        if each.id == "stated"
+    ]
