@@ -71,7 +71,7 @@ class Asked:
         One, or two in two runs, which hide behind each other; whatever the noise is at one temperature, where something
         may be wrong. Of one `run` alone, if asked for.
         """
-        log_whole, nothing, found = self._weighed(run)
+        log_whole, nothing, found = self._weighed(run, DOUBTED)
         if nothing > DOUBTED:
             return nothing, found
         told, runs = [(log_whole, nothing, found)], {cause.run for causes, p in found if p > _SOME for cause in causes}
@@ -89,20 +89,25 @@ class Asked:
         nothing = sum(weight * own for weight, own, _ in weighed)
         return nothing, sorted(likely, key=lambda each: -each[1])
 
-    def _weighed(self, run: int | None) -> tuple[float, float, Found]:
+    def _weighed(self, run: int | None, most: float = 1.0) -> tuple[float, float, Found]:
         if self.rates.freedom < 1.0:
             return 0.0, 1.0, []
         singly = [some_of(each, np.isin(each.runs, each.runs if run is None else run)) for each in self._tried()]
         ways = [*(each.ways() for each in singly), *self._twice(singly), *self._again(singly)]
-        found = self._posterior(ways)
+        found = self._posterior(ways, most)
         return self._posterior([*ways, *self._another(singly)]) if found[1] < DOUBTED and run is None else found
 
-    def _posterior(self, ways: Sequence[Ways]) -> tuple[float, float, Found]:
-        """Return the log probability of the rates whatever is wrong, and with that what `weighed` does."""
+    def _posterior(self, ways: Sequence[Ways], most: float = 1.0) -> tuple[float, float, Found]:
+        """Return the log probability of the rates whatever is wrong, and with that what `weighed` does.
+
+        No causes where nothing is wrong with a probability of more than `most`.
+        """
         weights = np.concatenate([np.zeros(1), *(log_odds for log_odds, *_ in ways)])
         weights += self._evidence(np.concatenate([np.array([self.rates.squares]), *(left for _, left, _ in ways)]))
         log_whole = float(logsumexp(weights))
         weights = np.exp(weights - log_whole)
+        if weights[0] > most:
+            return log_whole, float(weights[0]), []
         ends = np.cumsum([1, *(len(left) for _, left, _ in ways)])
         order = 1 + np.argsort(-weights[1:])
         told = order[np.cumsum(weights[order]) - weights[order] < 1.0 - weights[0] - _NEXT_TO_NONE]
