@@ -25,12 +25,7 @@ from scipy.special import chdtrc, fdtrc
 from hil.campaign import BoolArray, Conditions, FloatArray, IntArray
 from hil.campaign.data import known_mean
 from hil.solve.identifiability import orthonormal
-from hil.solve.temperatures import (
-    agrees,
-    runs_by_temperature,
-    told_by,
-    visits,
-)
+from hil.solve.temperatures import agrees, runs_by_temperature, told_by, visits
 from hil.solve.uncertain import RARE, Spread
 from procedures.verdict import Judgement, Verdict
 from procedures.words import listed, numbered
@@ -195,7 +190,13 @@ def between_runs(
                     if told_by(conditions) is not None:
                         apart[name] = tuple(number[here[step.runs]].tolist())
         places = [(jump.before, jump.after) for jump in jumps.values()] if places is None else []
-    if unexplained := {name: of for name, of in another.items() if name not in {*follow, *jumps}}:
+    # A jump beside a run that alone explains it: what is in no mean is the same, whether it jumped or was another.
+    told = {
+        name
+        for name, jump in jumps.items()
+        if not (jump.alone and {jump.before, jump.after} & another.get(name, set()))
+    }
+    if unexplained := {name: of for name, of in another.items() if name not in {*follow, *told}}:
         out = np.array([[run in unexplained.get(name, ()) for name in units] for run in number.tolist()])
         rest = between_runs(units, number.tolist(), np.where(out, np.nan, values), errors, conditions)
         return replace(rest, another=unexplained)

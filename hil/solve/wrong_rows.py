@@ -39,10 +39,10 @@ _DONE = {
     "bias": (
         USED,
         Verdict.MARGINAL,
-        "; the whole run is off by the same: its bias was another",
+        "; all collects of the run alike: its bias was another",
         "",
     ),
-    "MU": (USED, Verdict.MARGINAL, "; the whole run is off as MU moves it: its MU was another", ""),
+    "MU": (USED, Verdict.MARGINAL, "; all collects of the run as MU moves them: its MU was another", ""),
     "run": (
         LEFT_OUT,
         Verdict.INCONCLUSIVE,

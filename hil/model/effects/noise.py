@@ -96,20 +96,26 @@ class _Steps(Effect):
         )
 
     def shape_grid(self, conditions: Conditions) -> Sequence[Mapping[str, float]]:
-        """Return every place of a step but the beginning; what comes back after a run began with it."""
-        first = float(np.min(conditions.run)) if len(conditions) else 0.0
+        """Return every place of a step but the beginning; after the first run, if runs may be others, that was one."""
+        grid = super().shape_grid(conditions)
+        begun = np.unique(conditions.run)[: 1 + any(shape["runs_held"] for shape in grid)]
         return [
             shape
-            for shape in super().shape_grid(conditions)
-            if (shape["from_collect"] or shape["from_run"] != first)
-            and not (shape["from_collect"] and shape["runs_held"])
+            for shape in grid
+            if not (
+                shape["from_collect"] if shape["runs_held"] else self._is_whole(shape) and shape["from_run"] in begun
+            )
         ]
 
     def happens(self, conditions: Conditions, shape: Mapping[str, float]) -> Hashable:
-        """Return whether one run alone is another, the first and the last too, or a step stays."""
-        runs = np.unique(conditions.run)
-        apart = shape["from_run"] in (*runs[1:2], runs[-1]) and not shape["from_collect"]
-        return "one run" if shape["runs_held"] or apart else "stays"
+        """Return whether one run alone is another, the last too, or a step stays."""
+        last = self._is_whole(shape) and shape["from_run"] == np.max(conditions.run)
+        return "one run" if shape["runs_held"] or last else "stays"
+
+    @staticmethod
+    def _is_whole(shape: Mapping[str, float]) -> bool:
+        """Whether it begins with a run."""
+        return not shape.get("from_collect")
 
     def begins_within(self, shape: Mapping[str, float]) -> Sequence[int]:
         """Return the run in which a step lies between two collects."""
@@ -138,7 +144,7 @@ class Jump(_Steps):
     experiment = "Changepoint inside the collects; many repeats at one temperature."
 
     def kin_for(self, conditions: Conditions, shape: Mapping[str, float]) -> Mapping[str, float]:
-        """Return its kin; of a step after the whole first run, with what only that may show much of.
+        """Return its kin; of a first run that is another than all after it, with what only that may show much of.
 
         And of a run alone with its turn-on, unless power was on in others of the same cycle.
         """
@@ -146,8 +152,8 @@ class Jump(_Steps):
         cycle, own = _power_cycle_or_run(conditions), conditions.run == shape.get("from_run")
         turned_on = shape.get("runs_held") and not np.isin(cycle[own], cycle[~own]).any()
         kin = {**self.kin, "turnon": 1.0} if turned_on else self.kin  # one state, or scatter
-        after_it = shape.get("from_run") in np.unique(conditions.run)[1:2] and not shape.get("from_collect")
-        return {**kin, **of_a_first_run} if after_it else kin
+        begun = np.unique(conditions.run)[:1] if shape.get("runs_held") else np.unique(conditions.run)[1:2]
+        return {**kin, **of_a_first_run} if self._is_whole(shape) and shape.get("from_run") in begun else kin
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
         return per_channel(self.holds(conditions, shape), conditions.sensor)

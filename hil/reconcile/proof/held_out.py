@@ -84,16 +84,20 @@ _Key = tuple[int, int, Set, frozenset[str]]  # sensor, block, terms and what sca
 def held_out(posterior: Posterior, before: Found, lead: Found) -> HeldOut | None:
     """Predict every run from the others, before and after; None where none can be.
 
-    Rows that the lead calls wrong are predicted by nobody. Where nothing is added, after is before.
+    Rows that the lead calls wrong, and a run that alone is another, are predicted by nobody. Where nothing is added,
+    after is before.
     """
     others = posterior.sets[:SETS] if lead != before else ()
     sets = [before, lead, *(f for f in others if f not in (before, lead))]
     known: dict[_Key, dict[int, Predicted]] = {}
     for number, b in ((n, b) for n, search in posterior.searches.items() for b in range(len(search.blocks))):
         search = posterior.searches[number]
-        wrong = [t for j in lead.terms[number] if (t := search.terms[j]).is_mistake and t.candidate.effect is None]
-        spoiled = [part.columns.any(axis=1) for t in wrong if (part := t.parts[b]) is not None]
-        beside = Rows(search.blocks[b], set(np.flatnonzero(np.any(spoiled, axis=0)).tolist()))
+        own: set[int] = set()
+        for term in (search.terms[j] for j in lead.terms[number]):
+            if (part := term.parts[b]) is not None:
+                wrong = term.is_mistake and term.candidate.effect is None
+                own.update(part.rows.tolist() if wrong or np.ptp(search.blocks[b].block.run[part.rows]) == 0 else ())
+        beside = Rows(search.blocks[b], own)
         for key in dict.fromkeys((number, b, found.terms[number], found.scatter) for found in sets):
             known[key] = dict(beside.runs(fitted_block(search, *key[2:], b)))
     return _together(posterior, sets, known)
