@@ -172,8 +172,9 @@ class Asked:
             several, kinds = _Several.of(self.rates, every), len({each.values for each, _ in every})
             log_odds, left = (np.array([getattr(each, of)[k] for each, k in every]) for of in ("log_odds", "left"))
             places, best = np.arange(len(every))[:, None], -np.inf
-            for times in range(2, 1 + runs // 2):
-                odds = log_odds + made_again(times, runs) - float(np.log(kinds))
+            before = self._known(OWN[every[0][0].what])
+            for times in range(2, 1 + runs // 2 - before):
+                odds = log_odds + made_again(before + times, runs) - float(np.log(kinds))
                 places, log_odds, left = several.further(places, odds, left)
                 if not len(places):
                     break
@@ -183,6 +184,10 @@ class Asked:
                     break
                 best, first = max(best, float(worth.max())), [int(np.argmax(worth))]
                 places, log_odds, left = places[first], log_odds[first], left[first]
+
+    def _known(self, kind: str) -> int:
+        """Return of how many runs it is known that they have a kind of their own."""
+        return len({run for run, own in self._apart if own == kind})
 
     def _evidence(self, squares: FloatArray) -> FloatArray:
         """Log probability of residual squares (h,), whatever the size of the noise."""
@@ -230,6 +235,10 @@ class Asked:
         of |= {what: many * count for what, count in Counter(what for what, _ in of_a_run(channels)).items()}
         of |= {"sensors": many, "run": many, **dict.fromkeys(OWN, many * (channels + (channels > 1)))}
         log_odds = {what: float(np.log(ODDS[what] / places)) for what, places in of.items()}
+        for what, kind in OWN.items():
+            if 0 < (before := self._known(kind)) < many:
+                again = made_again(before + 1, many) - float(np.log(of[what] / many))
+                log_odds[what] = max(log_odds[what], again)
         for each in runs:
             likelier = self._evidence(self.rates.squares - each.most) - self.as_filed
             for tried in self._of(some_of(each, likelier >= np.log(many) - _HARDLY_ANY), many, log_odds["exchanged"]):

@@ -67,7 +67,7 @@ class BetweenRuns:
     recorded, which may be what jumps. `uneven` are those at a temperature at which a parameter scatters more than at
     others, and nothing tells why. `of_visits` are parameters that differ between visits to a temperature. `agrees`
     says whether values repeat where the setpoint or where the thermometer is the same, if these contradict each other.
-    `another` are by parameter runs of which rates say that it was another, where nothing explains it.
+    `another` are by parameter runs of which rates say that it was another; a jump beside one of them may be that, too.
     """
 
     follow: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
@@ -88,7 +88,7 @@ class BetweenRuns:
     def lasting(self) -> list[str]:
         """Return the parameters of which runs of one visit have the same in common: what ages, jumps or is history."""
         ages = (name for name, columns in self.follow.items() if {TIME, WAY} & {*columns})
-        steps = (name for name, jump in self.jumps.items() if jump.before != jump.after)
+        steps = (n for n, jump in self.jumps.items() if jump.before != jump.after and n not in self.another)
         return list(dict.fromkeys([*ages, *steps, *self.of_visits]))
 
     @property
@@ -190,16 +190,15 @@ def between_runs(
                     if told_by(conditions) is not None:
                         apart[name] = tuple(number[here[step.runs]].tolist())
         places = [(jump.before, jump.after) for jump in jumps.values()] if places is None else []
-    # A jump beside a run that alone explains it: what is in no mean is the same, whether it jumped or was another.
-    told = {
-        name
-        for name, jump in jumps.items()
-        if not (jump.alone and {jump.before, jump.after} & another.get(name, set()))
-    }
-    if unexplained := {name: of for name, of in another.items() if name not in {*follow, *told}}:
+    # What is in no mean is the same, whether a run alone was another or something jumped beside it.
+    ends = {n: {j.before, j.after} for n, j in jumps.items() if j.alone}
+    beside = [n for n, of in ends.items() if len(of) > 1 and of & another.get(n, frozenset())]
+    more = {n for n, of in ends.items() if another.get(n, frozenset()) - of}
+    if unexplained := {n: of for n, of in another.items() if n in {*beside, *more} or n not in {*follow, *jumps}}:
         out = np.array([[run in unexplained.get(name, ()) for name in units] for run in number.tolist()])
         rest = between_runs(units, number.tolist(), np.where(out, np.nan, values), errors, conditions)
-        return replace(rest, another=unexplained)
+        said, contradicted = {n: jumps[n] for n in beside}, {n: apart[n] for n in beside if n in apart}
+        return replace(rest, jumps={**rest.jumps, **said}, apart={**rest.apart, **contradicted}, another=unexplained)
     of_visits = [name for name, more in zip(units, differ, strict=True) if more]
     uneven = dict[str, tuple[int, ...]]()
     for p, name in enumerate(units):

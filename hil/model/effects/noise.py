@@ -149,10 +149,14 @@ class Jump(_Steps):
         And of a run alone with its turn-on, unless power was on in others of the same cycle.
         """
         of_a_first_run = {"warmup": 1.0, "soak_insufficient": 1.0}
-        cycle, own = _power_cycle_or_run(conditions), conditions.run == shape.get("from_run")
-        turned_on = shape.get("runs_held") and not np.isin(cycle[own], cycle[~own]).any()
+        cycle, own, held = (
+            _power_cycle_or_run(conditions),
+            conditions.run == shape.get("from_run"),
+            shape.get("runs_held"),
+        )
+        turned_on = held and not np.isin(cycle[own], cycle[~own]).any()
         kin = {**self.kin, "turnon": 1.0} if turned_on else self.kin  # one state, or scatter
-        begun = np.unique(conditions.run)[:1] if shape.get("runs_held") else np.unique(conditions.run)[1:2]
+        begun = np.unique(conditions.run)[:1] if held else np.unique(conditions.run)[1:2]
         return {**kin, **of_a_first_run} if self._is_whole(shape) and shape.get("from_run") in begun else kin
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
