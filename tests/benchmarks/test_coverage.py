@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
-from benchmarks.coverage import case, entries, hidden, judged, table
+from benchmarks.coverage import SWEEPS, case, entries, hidden, judged, table
 from hil.model.effects.catalogue import effect_by_id
 from tests.hil.reconcile.hidden_effects import hidden_campaign
+from tests.hil.short_sweeps import published
 
 
 def told(name: str, **found: float) -> dict[str, Any]:
@@ -61,9 +63,10 @@ def test_a_value_is_covered_by_the_interval_that_is_stated() -> None:
         assert (found["covered"], found["of"]) == (covered, 1)
 
 
-@pytest.mark.slow(seconds=25)
-def test_an_effect_in_the_bytes_is_found_named_and_covered() -> None:
-    """Mass unbalances that were taken for zero, through bytes."""
+@pytest.mark.slow(seconds=8)
+def test_an_effect_in_the_bytes_is_found_named_and_covered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Mass unbalances that were taken for zero, through bytes, at two temperatures."""
+    monkeypatch.setitem(SWEEPS, "published", published(tmp_path / "sweep.yaml", "-20 degC, 60 degC"))
     found = case(("published", "mean", "MU_real", "high"), twin=False)
     assert found["named"]
     assert found["covered"] == found["of"] == 2

@@ -7,9 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.coverage import SWEEPS
 from benchmarks.held_back import case, table, term
 from hil.model.effects.catalogue import effect_by_id, variance_effect_by_id
 from tests.hil.reconcile.hidden_effects import hidden_campaign
+from tests.hil.short_sweeps import published
 
 
 @pytest.mark.parametrize("entry", [effect_by_id("supply"), effect_by_id("frame"), variance_effect_by_id("MU_rr")])
@@ -36,9 +38,12 @@ def test_units_that_are_told_apart_afterwards_stand_first() -> None:
     assert [line.split("|")[1].strip() for line in list(table(rows))[2:]] == ["2", "1"]
 
 
-@pytest.mark.slow(seconds=14)
-def test_a_unit_that_is_held_back_is_found_and_its_twin_not_told_apart(tmp_path: Path) -> None:
-    """One effect in a published night, by its averages: the command as it is run."""
+@pytest.mark.slow(seconds=7)
+def test_a_unit_that_is_held_back_is_found_and_its_twin_not_told_apart(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One effect in a night of three temperatures, by its averages: the command as it is run."""
+    monkeypatch.setitem(SWEEPS, "published", published(tmp_path / "sweep.yaml", "-20 degC, 20 degC, 60 degC"))
     made = case(0, seed=77, keep=tmp_path, averages=True)
     assert made["hidden"] == list(made["found"])
     assert made["before"]["p_value"] < 0.001
