@@ -9,9 +9,9 @@ import numpy as np
 
 from hil.campaign import Campaign
 from hil.campaign.writer import write_campaign
-from tests.hil.reconcile.hidden_effects import base_rates, both, campaign_of, lay_out, noise
+from tests.hil.reconcile.hidden_effects import EIGHT, base_rates, both, campaign_of, lay_out, noise
 
-ROWS = lay_out(np.random.default_rng(0))
+ROWS = lay_out(np.random.default_rng(0), EIGHT[::2], 3)
 FAULTY = (3, 9)
 MODEL = ("--model", "matrix-6-thermal")
 SHORT = lay_out(np.random.default_rng(0), (-20.0, 0.0, 20.0, 40.0), 3)
