@@ -11,12 +11,12 @@ from typing import Any
 
 import pytest
 
-from hil.campaign import Campaign
 from hil.cli.app import run as hil
 from hil.config import load_bench
 from hil.night import start_night
-from hil.reconcile import scattering, workflow
-from hil.reconcile.outcome.answer import Answer
+from hil.reconcile import workflow
+from hil.reconcile.search.posterior import Posterior
+from hil.reconcile.search.problem import Problem
 from hil.solve import wrong_rows
 from tests.hil.report.report_pages import TWO
 
@@ -39,26 +39,25 @@ def page(night: Path, tmp_path_factory: pytest.TempPathFactory) -> str:
 
 @pytest.fixture
 def searched_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Search once where commands ask the same of the same rows, to the last bit: what is missing, which rows are wrong.
+    """Search once where the same is asked of the same rows, to the last bit: what is missing, which rows are wrong.
 
-    What else they ask is searched for by itself; what each makes of an answer is its own.
+    What else is asked is searched for by itself; what each makes of what is probable, and proves of it, is its own.
     """
-    searched, answers = workflow.searched, dict[bytes, Answer]()
+    likelier, probable = workflow._likelier, dict[bytes, Posterior]()
     found, wrong = wrong_rows._wrong_rows, dict[bytes, Any]()
 
-    def once(campaign: Campaign, *asked: Any, prove: bool = True) -> Answer:
-        question = pickle.dumps((campaign, asked, prove))
-        if question not in answers:
-            answers[question] = searched(campaign, *asked, prove=prove)
-        return answers[question]
+    def once(of: Problem, scattering: Any) -> Posterior:
+        question = pickle.dumps((of.campaign, of.model, [each.name for each in of.candidates], scattering))
+        if question not in probable:
+            probable[question] = likelier(of, scattering)
+        return probable[question]
 
     def wrong_once(*asked: Any) -> Any:
         if (question := pickle.dumps(asked)) not in wrong:
             wrong[question] = found(*asked)
         return wrong[question]
 
-    for module in (workflow, scattering):
-        monkeypatch.setattr(module, "searched", once)
+    monkeypatch.setattr(workflow, "_likelier", once)
     monkeypatch.setattr(wrong_rows, "_wrong_rows", wrong_once)
 
 

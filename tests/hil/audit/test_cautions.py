@@ -20,6 +20,7 @@ from tests.hil.solve.test_what_differs import noisy_in_the_cold
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("searched_once")
 def test_that_no_one_uncertainty_holds_at_each_temperature_is_said_by_all() -> None:
     """The bias of each run at the coldest is another by tens of deg/hr, elsewhere it hardly differs."""
     one = campaign(12, 4, seed=3, scatter=0.5)
@@ -71,6 +72,7 @@ def test_what_visits_differ_by_is_said_by_all_whose_uncertainties_hold_it() -> N
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("searched_once")
 @pytest.mark.parametrize("recorded", [True, False])
 def test_what_explains_that_runs_differ_is_said_by_all_who_take_it_for_scatter(recorded: bool) -> None:
     """MUA jumps in the middle of the night; where the supply did, too, MUA follows it, and no run is judged by that."""

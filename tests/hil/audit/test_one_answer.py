@@ -90,6 +90,7 @@ def test_all_commands_agree(ask: Ask) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("searched_once")
 def test_what_is_suspicious_is_said_to_people_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Beside the result, or instead of one, by every command that reads the folder."""
     for name, refuses in (("labels exchanged", ()), ("poses, one wrong", ("thermal",))):

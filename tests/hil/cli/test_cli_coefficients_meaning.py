@@ -13,6 +13,7 @@ from hil.campaign.reader import read_campaign
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("searched_once")
 def test_a_night_says_what_repeats_show_with_its_solution(hil: Any, night: Path) -> None:
     """Two repeats at two temperatures: both sensors' means with their uncertainty, and what four runs cannot tell."""
     solved = json.loads(hil("solve", night, "--json").stdout)

@@ -247,6 +247,7 @@ def test_of_several_steps_each_has_its_run() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("searched_once")
 def test_of_several_terms_without_a_name_each_is_said() -> None:
     """The bias follows one number and MU another: the first had been said, beside the values of both."""
     rng = np.random.default_rng(1)

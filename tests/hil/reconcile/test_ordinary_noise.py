@@ -107,6 +107,7 @@ def test_offsets_however_large_are_offsets() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("searched_once")
 def test_what_probably_moves_averages_and_is_not_called_missing_scatters_nothing() -> None:
     """A slope of the bias is as large whether or not anybody asks to be surer of it before it is named."""
     one = campaign(8, 4, seed=2, scatter=2.0)
@@ -234,6 +235,7 @@ def test_noise_that_rises_in_the_cold_is_a_finding_only_beside_standard_errors(s
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("searched_once")
 def test_what_these_repeats_cannot_tell_is_said_by_both_in_one_sentence() -> None:
     """A walk as probable as none: `hil scatter` had said so of runs that `hil reconcile` had done with."""
     rng = np.random.default_rng(0)
@@ -248,6 +250,7 @@ def test_what_these_repeats_cannot_tell_is_said_by_both_in_one_sentence() -> Non
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("searched_once")
 def test_what_single_runs_differ_by_may_be_temperature_and_is_in_no_error_that_is_stated() -> None:
     """One run at each of two temperatures: nobody can tell, both commands say so, and what to measure."""
     one = campaign(2, 1, scatter=0.0)

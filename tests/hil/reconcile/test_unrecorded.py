@@ -316,6 +316,7 @@ def test_a_remainder_follows_temperature_where_the_bias_is_no_straight_line() ->
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("searched_once")
 @pytest.mark.parametrize(
     ("columns", "lacks"),
     [
@@ -353,6 +354,7 @@ def test_what_changes_from_run_to_run_may_follow_a_temperature_that_nobody_recor
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("searched_once")
 @pytest.mark.parametrize("runs", [1, 2])
 def test_what_changes_from_run_to_run_is_told_from_temperature_by_repeats_alone(runs: int) -> None:
     """MU reseats: with one run at each temperature it may follow that, whichever model asks and in every command."""
@@ -376,6 +378,7 @@ def test_what_changes_from_run_to_run_is_told_from_temperature_by_repeats_alone(
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("searched_once")
 def test_standard_errors_that_are_too_large_are_to_be_seen_to() -> None:
     """Nobody had to act where they were ten times what repeats and residuals show; and nothing scatters."""
     rng = np.random.default_rng(3)
