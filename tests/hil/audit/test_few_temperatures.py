@@ -39,7 +39,7 @@ ASKED: dict[str, Callable[[Campaign], Any]] = {
 
 def at(*temperatures_degC: float) -> Campaign:
     """Return a campaign at these temperatures, with a thermometer that scatters by half a degree."""
-    campaign = hidden_campaign(3, temperatures=temperatures_degC, runs_each=4)
+    campaign = hidden_campaign(3, temperatures=temperatures_degC, runs_each=2)
     rows = campaign.sensors[2]
     columns, rng = rows.conditions.columns, np.random.default_rng(4)
     shown = columns["setpoint_degC"] + 0.5 * rng.standard_normal(len(rows.conditions))
