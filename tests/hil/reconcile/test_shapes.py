@@ -51,11 +51,10 @@ def test_a_size_is_no_surer_than_the_time_constant(seed: int) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [1, 2, 3])
-def test_what_positions_cannot_part_is_no_surer_than_what_is_typical(seed: int) -> None:
+def test_what_positions_cannot_part_is_no_surer_than_what_is_typical() -> None:
     """Of kAA and kSS four positions tell the difference, of kAS nothing: what is sure is no value of the six."""
     true = {"kAA_A": 1.0, "kAA_B": 0.5, "kSS_A": -0.4, "kSS_B": -1.0, "kAS_A": -0.6, "kAS_B": 0.3}
-    plain = hidden_campaign(seed, quiet=0.2, positions=tuple("1342431"))
+    plain = hidden_campaign(1, quiet=0.2, positions=tuple("1342431"))
     rows = plain.sensors[2]
     added = SquaredAcceleration().columns(rows.conditions, None, {}) @ np.array([*true.values()])
     hidden = replace(rows, rates_deg_per_hr=rows.rates_deg_per_hr + added)
