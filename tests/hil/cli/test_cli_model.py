@@ -196,7 +196,7 @@ def test_the_twin_tells_the_model_that_lacks_something_and_not_the_one_that_reco
     """
     most = chain([2], repeat(1))
     monkeypatch.setattr(draws, "processes", lambda count, of=draws.processes: of(min(count, next(most))))
-    design = Design((23.0,), 4, ("1", "2", "3", "4"), restabilisation_s=900.0)
+    design = Design((23.0,), 4, ("1", "2", "3", "4"), restabilisation_s=300.0)
     campaign = write_case(make_case(1, ("MU_real",), 30.0, model="collins-4", design=design), tmp_path / "campaign")
     out, few = tmp_path / "out", ("--draws", 6)
     ended = hil("reconcile", campaign, "--model", "collins-4", "--out", out, "--twin", *few, "--json")
