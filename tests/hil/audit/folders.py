@@ -324,8 +324,8 @@ FOLDERS: dict[str, Callable[[], Campaign]] = {
     "one run": lambda: campaign(1, 1, seed=3),
     "one run, one rate far off, beside another sensor": _one_run_far_off_beside_another_sensor,
     "night that ended early": night_that_ended_early,
-    "simulated, not whole": lambda: replace(
-        _good(), simulated=True, missing=["self-calibration 13 at 40.0 °C: all of it"]
+    "after a pause, simulated, not whole": lambda: replace(
+        _after_a_pause(), simulated=True, missing=["self-calibration 13 at 40.0 °C: all of it"]
     ),
     "one temperature": lambda: campaign(8, 8, seed=5, scatter=2.0),
     "one temperature, three runs": lambda: campaign(3, 3, seed=5, scatter=2.0),

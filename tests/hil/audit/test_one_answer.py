@@ -76,7 +76,7 @@ def disagreements(ask: Ask, commands: tuple[str, ...]) -> Iterator[str]:
 
 IN_ANOTHER = {
     *("good", "one standard error huge", "one run without its thermometer", "no thermometer of its own"),
-    *("labels exchanged", "two sensors", "one channel noisy"),
+    *("labels exchanged", "two sensors", "one channel noisy", "after a pause"),
 }
 """Folders of which another one has all: what is whole and measured, each gap, one exchange, two equal plans."""
 
