@@ -15,6 +15,7 @@ from hil.reconcile.naming import as_usual, leading
 from hil.reconcile.result import FoundEffect, stated
 from hil.reconcile.scattering import what_scatters
 from tests.hil.reconcile.hidden_effects import (
+    EIGHT,
     Hidden,
     Rows,
     base_rates,
@@ -131,7 +132,8 @@ def test_a_hidden_effect_gets_its_name(name: str, hidden: Hidden, model: str, th
 )
 def test_columns_that_are_the_same_in_this_design_are_ambiguous(truth: str, hidden: Hidden, model: str) -> None:
     """The truth is in the stated class, the verdict is ambiguous, and an experiment is proposed."""
-    result = reconcile(hidden_campaign(7, hidden, thermal=model != "matrix-6"), model, prove=False)
+    night = hidden_campaign(7, hidden, thermal=model != "matrix-6", temperatures=EIGHT[::2])
+    result = reconcile(night, model, prove=False)
     assert result.verdict == "ambiguous"
     assert all(other.kind == "ambiguous" for other in result.effects[1:])  # the bias of runs wanders
     same = {result.effects[0].id} | {r.id for r in result.effects[0].confusable_with if r.overlap > 0.95}
@@ -201,7 +203,7 @@ def test_three_collects_cannot_tell_mass_unbalance_from_g_squared_and_ask_for_th
 @pytest.mark.slow
 def test_the_fourth_collect_settles_it() -> None:
     """With Collect 4 in the data it is MU_real, with the right signs."""
-    campaign = hidden_campaign(7, mass_unbalance, thermal=False, mu=False)
+    campaign = hidden_campaign(7, mass_unbalance, thermal=False, mu=False, temperatures=EIGHT[::2])
     result = reconcile(campaign, "collins-4")
     assert [(effect.id, effect.kind) for effect in on_the_mean(result)] == [("MU_real", "named")]
     values = {p["name"]: p["value"] for p in result.effects[0].parameters}
