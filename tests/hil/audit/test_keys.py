@@ -136,6 +136,7 @@ def check(found: dict[str, Any]) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("searched_once")
 def test_a_key_has_one_type_or_stands_in_the_reference(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Over every command; and complete is said with good beside it."""
     found = documents(tmp_path, capsys)
