@@ -157,13 +157,6 @@ def test_where_a_position_is_moved_both_ways_the_places_are_collects_of_a_run() 
     assert ", collect 6 of each run" in place_in_words(places[0].where | {"collect_of_run": 6})
 
 
-@pytest.mark.slow
-def test_where_nothing_is_missing_there_are_no_places() -> None:
-    """Noise alone."""
-    campaign, _ = with_hidden(lambda rows: np.zeros((len(rows), 2)))
-    assert not reconcile(campaign, "matrix-6-thermal", prove=False).disagreements
-
-
 def test_runs_are_said_in_stretches() -> None:
     """A reader is told runs 1–3, 7."""
     said = place_in_words({"sensor": 2, "channel": "RA", "runs": [1, 2, 3, 7]})

@@ -51,12 +51,9 @@ def test_a_bias_of_one_axis_that_follows_temperature_is_no_offset_of_runs() -> N
 
 @pytest.mark.slow
 def test_no_value_is_as_sure_as_the_smallest_that_it_may_be() -> None:
-    """Of a slope that hardly shows, all sizes below its error are as probable; by the likeliest it was surer.
-
-    Of six nights these are farthest off: were the errors two thirds of what they are, each would tell.
-    """
+    """Of a slope that hardly shows, all sizes below its error are as probable; by the likeliest it was surer."""
     off = []
-    for seed in (1, 2, 5):
+    for seed in (1, 2, 5):  # of six nights farthest off: of errors two thirds as large each would tell
         found = reconcile(of_axes(0.4, 0.01, -0.3, seed=seed), "triad-12", prove=False).effects
         (slope,) = [of for each in found if each.id == "bias_T" for of in each.parameters if of["name"] == "b1_Y"]
         off.append((slope["value"] - 0.01) / slope["se"])

@@ -110,15 +110,8 @@ _LINES = {
 def test_where_all_parameters_follow_two_temperatures_nothing_else_is_named() -> None:
     """A scale factor and a step, each at 100 %, left 16 deg/hr: sets that fit badly had seemed probable."""
     curves = {name: lambda degC, of=of: of[0] + of[1] * (degC - 20.0) for name, of in _LINES.items()}
-    night = rotor_night(
-        np.random.default_rng(1),
-        curves,
-        temperatures_degC=(-20.0, 45.0),
-        run_to_run={},
-        white=0.9,
-        positions=("1", "2", "3", "1"),
-    )
-    result = reconcile(night, "matrix-6")
+    how = {"temperatures_degC": (-20.0, 45.0), "run_to_run": {}, "white": 0.9, "positions": ("1", "2", "3", "1")}
+    result = reconcile(rotor_night(np.random.default_rng(1), curves, **how), "matrix-6")
     assert result.calibrated or {each.id for each in result.effects} == {"bias_T", "GS_T", "MU_real"}
     assert result.gap.after < 1.5 * result.gap.noise_floor
     assert all(channel["run_offset_deg_per_hr"] < 1.0 for channel in result.noise)

@@ -77,10 +77,7 @@ def pulls_of(folder: Path, benches: list[LiveBench], runs: int, seeds: Iterable[
 @pytest.mark.slow(seconds=11)
 @pytest.mark.timeout(600)  # two nights of fifty self-calibrations
 def test_95_percent_intervals_cover_the_truth_93_to_97_percent(tmp_path: Path, benches: list[LiveBench]) -> None:
-    """Per parameter, two hundred values of both sensors: |estimate - truth| < 1.96 standard errors as often as it says.
-
-    Errors .9 times as large cover 91 % and 1.1 times 97.5 %.
-    """
+    """|estimate - truth| < 1.96 standard errors as often, per parameter, as that says; .9 of an error covers 91 %."""
     pulls = pulls_of(tmp_path, benches, RUNS, SEEDS)
     for name, values in pulls.items():
         assert len(values) == 2 * RUNS * len(SEEDS)

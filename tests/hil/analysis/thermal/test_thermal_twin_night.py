@@ -54,13 +54,8 @@ def test_a_simulated_night_gives_back_its_truth(tmp_path: Path, capsys: pytest.C
         "collect": {"settle": "60 s", "duration": "60 s"},
     }
     (tmp_path / "sweep.yaml").write_text(yaml.safe_dump(sweep))
-    arguments = [
-        str(tmp_path / "sweep.yaml"),
-        "--bench",
-        str(tmp_path / "bench.yaml"),
-        "--out",
-        str(tmp_path / "night"),
-    ]
+    sweep_file, bench_file, night = (str(tmp_path / name) for name in ("sweep.yaml", "bench.yaml", "night"))
+    arguments = [sweep_file, "--bench", bench_file, "--out", night]
     assert run(["run", *arguments, "--quiet"]) == 0
     capsys.readouterr()
     assert run(["thermal", str(tmp_path / "night"), "--json"]) == 0
