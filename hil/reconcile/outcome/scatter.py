@@ -221,7 +221,7 @@ def _of_channels(
     """
     own, rows_of, points = block.search, block.search.block, block.search.points
     total = np.where(points.sort == points.sort[block.at], block.weighed.terms_log + points.log_prior, -np.inf)
-    left, scales = block.weighed.left_free(), block.weighed.scales_left
+    left, scales = block.weighed.left, block.weighed.scales_left
     (a, b, _), freedom = own.scales[-1], max(own.beside.freedom, 1)
     # Errors that these rows contradict are no part of what is seen, however much larger they are.
     scales = np.where(np.isclose(scales, (b + 0.5 * left) / (a + 0.5 * freedom)), left / freedom, scales) * own.unit**2

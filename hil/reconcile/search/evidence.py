@@ -25,6 +25,7 @@ ROUNDING = 1e-13
 """Share of the squared residuals that rounding may cost."""
 LEAST = 1e-12
 """Sum of squares below which nothing but rounding is left."""
+_SINGULAR = -8.0  # half the log det of cosines of columns, below which some may be all but combinations of others
 
 
 @dataclass(frozen=True)
@@ -153,18 +154,18 @@ def less(basis: FloatArray, columns: FloatArray) -> FloatArray:
     return np.asarray(columns - basis @ (np.swapaxes(basis, 1, 2) @ columns)) if basis.shape[2] else columns
 
 
-def shrunk(gram: FloatArray, score: FloatArray, rss: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return what amplitudes N(0, 1) leave of squared residuals, (…,), and half of log det (1 + Gram), (…,).
+def bordered(gram: FloatArray, score: FloatArray, rss: FloatArray) -> FloatArray:
+    """Return 1 + Gram (q, q, …) with scores (q, …) and squared residuals (…,) beside it, (q + 1, q + 1, …).
 
-    Of Gram matrices (…, q, q), scores (…, q) and squared residuals (…,): one elimination gives both.
+    `eliminated`, it tells what amplitudes N(0, 1) leave of the squares, and half of log det (1 + Gram).
     """
-    size = score.shape[-1]
-    both = np.empty((size + 1, size + 1, *score.shape[:-1]))
-    both[:size, :size] = np.moveaxis(gram, (-2, -1), (0, 1))
+    size = len(score)
+    both = np.empty((size + 1, size + 1, *score.shape[1:]))
+    both[:size, :size] = gram
     both[range(size), range(size)] += 1.0
-    both[size, :size] = both[:size, size] = np.moveaxis(score, -1, 0)
+    both[size, :size] = both[:size, size] = score
     both[size, size] = np.maximum(rss, 0.0) * (1.0 + ROUNDING) + LEAST  # of as few rates as the base has values: 0
-    return eliminated(both)
+    return both
 
 
 def eliminated(both: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -178,3 +179,32 @@ def eliminated(both: FloatArray) -> tuple[FloatArray, FloatArray]:
         half_log_det += 0.5 * np.log(both[i, i])
         both[i + 1 :, i + 1 :] -= both[i + 1 :, i, None] * (both[i, i + 1 :] / both[i, i])
     return both[left, left], half_log_det
+
+
+def swept(both: FloatArray, columns: int) -> FloatArray:
+    """Sweep the first columns of matrices (q, q, …) in place (Beaton 1964), and return half of their log det, (…,).
+
+    That leaves −G^-1 of these columns' products G, G^-1 B of what is beside them, and C − B'G^-1 B of the rest. Swept
+    again they are what they were, B with the other sign.
+    """
+    half_log_det = np.zeros(both.shape[2:])
+    for i in range(columns):
+        own, pivot = both[i].copy(), both[i, i].copy()
+        half_log_det += 0.5 * np.log(np.abs(pivot))
+        rest = own / pivot
+        both -= own[:, None] * rest
+        both[i] = both[:, i] = rest
+        both[i, i] = -1.0 / pivot
+    return half_log_det
+
+
+def inverted(gram: FloatArray) -> FloatArray:
+    """Return inverses of inner products (k, k, m, t); of what is all but singular the directions that there are."""
+    unit = np.sqrt(np.maximum(np.einsum("kkmt->kmt", gram), LEAST))
+    out = gram / (both := unit[:, None] * unit)
+    alike, own = np.moveaxis(out, (0, 1), (2, 3)).copy(), np.einsum("kkmt->kmt", out)
+    own += own == 0.0  # which is a view
+    with np.errstate(all="ignore"):
+        odd = ~(swept(out, len(out)) > _SINGULAR)
+    out[:, :, odd] = -np.moveaxis(np.linalg.pinv(alike[odd], rcond=1e-9, hermitian=True), 0, 2)
+    return np.asarray(-out / both, dtype=np.float64)

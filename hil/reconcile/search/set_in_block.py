@@ -14,7 +14,7 @@ import numpy as np
 
 from hil.campaign import BoolArray, FloatArray, IntArray
 from hil.model.effects.prior import log_sum
-from hil.reconcile.search.evidence import LEAST, Beside, Options, shrunk, student
+from hil.reconcile.search.evidence import LEAST, Beside, Options, bordered, eliminated, inverted, student, swept
 from hil.reconcile.search.likely_noise import DEPTH
 from hil.reconcile.search.noise import LARGEST
 from hil.reconcile.search.points import Points
@@ -38,7 +38,7 @@ class Member:
 class SetInBlock:
     """A set of terms, by place, in one block: inner products (t, k, k) and (t, k), log evidence (t,), the best sizes.
 
-    `slack` (t,) is by member what its other sizes add, `inverse` (t, k, k) turns scores into amplitudes that are free.
+    `left` (t,) is what a free fit leaves, `slack` (t,) by member what its other sizes add.
     """
 
     beside: Beside
@@ -48,7 +48,7 @@ class SetInBlock:
     options: list[Options]
     gram: FloatArray
     score: FloatArray
-    inverse: FloatArray
+    left: FloatArray
     terms_log: FloatArray
     best: list[int]
     slack: Sequence[FloatArray]
@@ -70,13 +70,8 @@ class SetInBlock:
     @cached_property
     def scales_left(self) -> FloatArray:
         """The scale s² that what a free fit leaves most probably means, at every point, (t,)."""
-        left = self.left_free()
-        likeliest = np.argmax(self.beside.student(left[None]), axis=0)
-        return np.asarray(np.take_along_axis(self.beside.scale_left(left), likeliest[None], axis=0)[0])
-
-    def left_free(self) -> FloatArray:
-        """Return what a free fit leaves at every point, (t,)."""
-        return _left(self.beside.rss, self.score, self.inverse)
+        likeliest = np.argmax(self.beside.student(self.left[None]), axis=0)
+        return np.asarray(np.take_along_axis(self.beside.scale_left(self.left), likeliest[None], axis=0)[0])
 
     def noise_where(self, left: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return how probable rows are of which `left` (m, t) is left (log), and how far each point counts, (m, t).
@@ -124,7 +119,7 @@ def weigh_in_block(
 
     for wide, alike in groupby(sorted(sets, key=size), size):
         own = list(alike)
-        most = max(1, int(LARGEST / (len(points) * (_ALIKE * wide + 1) ** 2 * 10 * max(1, *map(len, own)))))
+        most = max(1, int(LARGEST / (len(points) * (_ALIKE * wide + 1) ** 2 * 2 * max(1, *map(len, own)))))
         for first in range(0, len(own), most):
             yield from Sets(beside, points, terms, own[first : first + most], inner).weighed()
 
@@ -148,7 +143,6 @@ class Sets:
         none, zeros = len(used), score.shape[1] - 1
         of = np.array([[*(used.index(j) for j in s), *[none] * (members - len(s))] for s in sets], dtype=np.int64)
         filled = np.array([[*c, *[zeros] * (wide - len(c))] for c in columns], dtype=np.int64)
-        self.size = np.array([len(c) for c in columns])
         # Of every size of every term, and of one more that has no columns: log weight, means and deviations.
         most = max((len(terms[j].options) for j in used), default=1)
         log_weights = np.full((none + 1, most), -np.inf)
@@ -163,15 +157,16 @@ class Sets:
         self.log_weights, self.known = log_weights[of], np.isfinite(log_weights[of])  # (m, e, o)
         self.mean, self.deviation = (np.moveaxis(own[at], 3, 2) for own in (mean, deviation))  # (m, e, o, k)
         self.has_means = bool(np.any(self.mean))
-        index = filled[:, :, None], filled[:, None, :]
-        self.gram = np.ascontiguousarray(np.moveaxis(gram[:, *index], 0, 1))  # (m, t, k, k)
-        self.score = np.ascontiguousarray(np.moveaxis(score[:, filled], 0, 1))
-        unit = np.sqrt(np.maximum(np.diagonal(self.gram, axis1=2, axis2=3), LEAST))
-        both = unit[..., :, None] * unit[..., None, :]
-        self.inverse = np.linalg.pinv(self.gram / both, rcond=1e-9, hermitian=True) / both
+        # How many columns each member has, (m, e), and the first of them.
+        self.width = np.array([*(len(places[j]) for j in used), 0])[of]
+        self.first = np.cumsum(self.width, axis=1) - self.width
+        self.gram = np.ascontiguousarray(np.moveaxis(gram, 0, 2)[filled.T[:, None], filled.T])  # (k, k, m, t)
+        self.score = np.ascontiguousarray(np.moveaxis(score, 0, 1)[filled.T])
+        self.inverse = inverted(self.gram)
         self.left = _left(beside.rss, self.score, self.inverse)
         self.variance = beside.scale_left(self.left)
         self.each = np.arange(len(sets))
+        self.held, self.half_log_det = np.empty((wide + 1, wide + 1, *self.variance.shape)), self.variance.copy()
 
     def weighed(self) -> Iterator[SetInBlock]:
         """Sum over sizes about the best of each term: they are nearly independent given the data, and of the noise."""
@@ -187,8 +182,7 @@ class Sets:
             own = [self.terms[j] for j in chosen]
             owner = [(j, int(k)) for j, term in zip(chosen, own, strict=True) for k in term.parameters]
             k, e = len(owner), len(chosen)
-            within = (slice(None), slice(k), slice(k))
-            inner = self.gram[m][within], self.score[m][:, :k], self.inverse[m][within]
+            inner = np.moveaxis(self.gram[:k, :k, m], 2, 0), self.score[:k, m].T, self.left[m]
             log = heights[m] + np.sum(slack[m, :e], axis=0), best[m, :e].tolist(), list(slack[m, :e])
             yield SetInBlock(self.beside, self.points, chosen, owner, [term.options for term in own], *inner, *log)
 
@@ -198,7 +192,7 @@ class Sets:
         with_all = student(self.left[None], self.beside.log_base, self.beside.scales, self.beside.freedom)
         free = np.argmax(log_sum(with_all) + prior, axis=1)
         best = self.best_sizes(free)
-        heights = self._heights(self.each, best)
+        heights = self.hold(self.each, best)
         near, about = self._about(self.each, best, heights)
         while len(climbing):  # every round makes the rows likelier, and sizes are few
             # What is best at the point that was likeliest may not be so at another, which is likelier with it.
@@ -209,21 +203,18 @@ class Sets:
             e[still], size[still], top[still] = self._farther(climbing[still], best, at)
             climbing, e, size = (each[top > least] for each in (climbing, e, size))
             best[climbing, e] = size
-            heights[climbing] = self._heights(climbing, best[climbing])
+            heights[climbing] = self.hold(climbing, best[climbing])
             near[climbing], about[climbing] = self._about(climbing, best, heights)
         return best, heights, near, about
 
     def _farther(self, some: IntArray, best: IntArray, at: Iterable[IntArray]) -> tuple[IntArray, IntArray, FloatArray]:
         """Return which member of some sets is best at which of all its sizes, `at` points (m,), and how, (s,) each."""
-        (i, e, o), found = np.nonzero(self.known[some]), np.full(self.known[some].shape, -np.inf)
-        sets, choices = some[i], instead(best[some][i], e, o)
-        found[i, e, o] = np.max([self.at(sets, choices, t[sets]) + self.points.log_prior[t[sets]] for t in at], axis=0)
+        _, i, e = (part.ravel() for part in np.indices((2, *best[some].shape)))
+        sets, t = some[i], np.concatenate([of[some[i[: len(i) // 2]]] for of in at])
+        every = np.repeat(np.arange(self.known.shape[2])[:, None], len(i), axis=1)
+        each = self._instead(sets, e, best, every, t) + self.points.log_prior[t]
+        found = np.moveaxis(each.reshape(len(every), 2, *best[some].shape).max(axis=1), 0, 2)
         return *_most(found), found.max(axis=(1, 2))
-
-    def _heights(self, sets: IntArray, choices: IntArray) -> FloatArray:
-        """Return the log evidence of a choice of sizes (s, e) of each of some sets at every point, (s, t)."""
-        i, t = (part.ravel() for part in np.indices((len(choices), len(self.points))))
-        return self.at(sets[i], choices[i], t).reshape(len(choices), len(self.points))
 
     def _about(self, sets: IntArray, best: IntArray, heights: FloatArray) -> tuple[BoolArray, FloatArray]:
         """Return which sizes about the best there are in some sets, (s, e, a), and the log evidence with each in turn.
@@ -232,54 +223,73 @@ class Sets:
         """
         sizes = best[sets][:, :, None] + ABOUT
         inside = (sizes >= 0) & (sizes < self.known.shape[2])
-        near = inside & np.take_along_axis(self.known[sets], np.where(inside, sizes, 0), axis=2)
+        sizes = np.where(inside, sizes, 0)
+        near = inside & np.take_along_axis(self.known[sets], sizes, axis=2)
         total = heights[sets] + self.points.log_prior
         likely = total > total.max(axis=1, keepdims=True) - DEPTH
+        i, e, t = np.nonzero(likely[:, None] & near.any(axis=2)[..., None])
         found = np.full((*near.shape, len(self.points)), -np.inf)
-        found[:, :, ABOUT == 0] = np.where(likely, heights[sets], -np.inf)[:, None, None]
-        i, e, a, t = np.nonzero((near & (ABOUT != 0))[..., None] & likely[:, None, None, :])
-        found[i, e, a, t] = self.at(sets[i], instead(best[sets][i], e, sizes[i, e, a]), t)
+        found[i, e, :, t] = np.where(near[i, e], self._instead(sets[i], e, best, sizes[i, e].T, t).T, -np.inf)
         return near, found
 
     def best_sizes(self, t: IntArray) -> IntArray:
         """Return the sizes (m, e) that a free fit at one point of the noise (m,) makes most probable."""
-        inverse = self.inverse[self.each, t]
-        fit = np.einsum("mkl,ml->mk", inverse, self.score[self.each, t])
-        freedom = np.maximum(self.beside.freedom - self.size, 1)
-        left = np.maximum(self.left[self.each, t] / freedom, 1e-9)
-        values = np.einsum("mkk->mk", inverse) * left[:, None]
-        variance = self.deviation**2 + values[:, None, None, :]
+        inverse, left = self.inverse[:, :, self.each, t], self.left[self.each, t]
+        fit = np.einsum("klm,lm->mk", inverse, self.score[:, self.each, t])
+        left = np.maximum(left / np.maximum(self.beside.freedom - self.width.sum(axis=1), 1), 1e-9)
+        variance = self.deviation**2 + (np.einsum("kkm->mk", inverse) * left[:, None])[:, None, None]
         own = np.any(self.deviation > 0.0, axis=2, keepdims=True)
         variance = np.where(own, variance, 1.0)
         misfit = np.where(own, (fit[:, None, None, :] - self.mean) ** 2, 0.0) / variance + np.log(variance)
         return np.asarray(np.argmax(self.log_weights - 0.5 * np.sum(misfit, axis=3), axis=2))
 
-    def at(self, sets: IntArray, choices: IntArray, t: IntArray) -> FloatArray:
-        """Log evidence (q,) of some sets (q,), with choices of sizes (q, e), each at a point (q,)."""
+    def hold(self, sets: IntArray, choices: IntArray) -> FloatArray:
+        """Return the log evidence (s, t) of some sets (s,) with choices of sizes (s, e), and keep what others cost."""
         member = sets[:, None], np.arange(choices.shape[1]), choices
-        deviation = self.deviation[member].sum(axis=1)
-        gram, score, rss = self.gram[sets, t], self.score[sets, t], self.beside.rss[t]
+        deviation, mean = (own[member].sum(axis=1).T for own in (self.deviation, self.mean))
+        gram, score, rss = self.gram[:, :, sets], self.score[:, sets], self.beside.rss
         if self.has_means:
-            mean = self.mean[member].sum(axis=1)
-            pull = np.einsum("qkl,ql->qk", gram, mean)
-            rss, score = rss + np.sum((pull - 2.0 * score) * mean, axis=1), score - pull
-        root = deviation / np.sqrt(self.variance[:, sets, t, None])
-        left, half_log_det = shrunk(gram * (root[..., :, None] * root[..., None, :]), score * root, rss)
-        by_scale = student(left, self.beside.log_base[t], self.beside.scales, self.beside.freedom) - half_log_det
-        return np.asarray(self.log_weights[member].sum(axis=1) + log_sum(by_scale))
+            pull = np.sum(gram * mean[..., None], axis=1)
+            rss, score = rss + np.sum((pull - 2.0 * score) * mean[..., None], axis=0), score - pull
+        root = deviation[:, None, :, None] / np.sqrt(self.variance[:, sets])
+        held = bordered(gram[:, :, None] * (root[:, None] * root), score[:, None] * root, rss)
+        half_log_det = swept(held, len(root))
+        self.held[:, :, :, sets], self.half_log_det[:, sets] = held, half_log_det
+        by_scale = student(held[-1, -1], self.beside.log_base, self.beside.scales, self.beside.freedom)
+        return np.asarray(self.log_weights[member].sum(axis=1)[:, None] + log_sum(by_scale - half_log_det))
+
+    def _instead(self, sets: IntArray, e: IntArray, best: IntArray, sizes: IntArray, t: IntArray) -> FloatArray:
+        """Return the log evidence (a, n) of sets (n,), each at a point (n,), with other sizes (a, n) of a member (n,).
+
+        All others have the best sizes (m, e), as they are held: what these leave is a matrix of the size of a member.
+        """
+        out, (m, j), wide = np.empty(sizes.shape), (sets, e), self.width[sets, e]
+        here = np.take_along_axis(self.log_weights, best[..., None], axis=2)[..., 0]
+        others = here.sum(axis=1)[m] - here[m, j] + self.log_weights[m, j, sizes]
+        for size in np.unique(wide).tolist():
+            n = np.flatnonzero(wide == size)
+            (m, j), at, own = (sets[n], e[n]), t[n], self.first[sets[n], e[n]] + np.arange(size)[:, None]
+            both, scale = np.vstack([own, np.full(len(n), -1)]), np.arange(len(self.variance))[:, None]
+            inner = self.held[both[:, None, None], both[:, None], scale, m, at]
+            half_log_det = self.half_log_det[:, m, at] + swept(inner, size)
+            inner[range(size), range(size)] -= 1.0
+            gram, score, rss = inner[:size, :size, :, None], -inner[:size, -1, :, None], inner[-1, -1, :, None]
+            was, now = self.deviation[m, j, best[m, j], own], self.deviation[m, j, sizes[:, n], own[:, None]]
+            root = (now / was[:, None])[:, None]
+            if self.has_means:
+                mean = self.mean[m, j, sizes[:, n], own[:, None]] - self.mean[m, j, best[m, j], own][:, None]
+                mean = (mean / was[:, None])[:, None] * np.sqrt(self.variance[:, m, at])[:, None]
+                pull = np.sum(gram * mean, axis=1)
+                rss, score = rss + np.sum((pull - 2.0 * score) * mean, axis=0), score - pull
+            left, more = eliminated(bordered(gram * (root[:, None] * root), score * root, rss))
+            by_scale = student(left, self.beside.log_base[at], self.beside.scales, self.beside.freedom)
+            out[:, n] = log_sum(by_scale - half_log_det[:, None] - more)
+        return np.asarray(out + others)
 
 
 def _left(rss: FloatArray, score: FloatArray, inverse: FloatArray) -> FloatArray:
-    """Return what is left of squares (…,) where amplitudes are free, of scores (…, k)."""
-    explained = np.sum((inverse @ score[..., None])[..., 0] * score, axis=-1)
-    return np.asarray(np.maximum(rss - explained, LEAST))
-
-
-def instead(choices: IntArray, member: IntArray, size: IntArray) -> IntArray:
-    """Return choices of sizes (q, e) with one member's (q,) another (q,)."""
-    out = choices.copy()
-    out[np.arange(len(out)), member] = size
-    return out
+    """Return what is left of squares (t,) where amplitudes are free, (m, t), of scores (k, m, t)."""
+    return np.asarray(np.maximum(rss - np.sum(np.sum(inverse * score, axis=1) * score, axis=0), LEAST))
 
 
 def _most(found: FloatArray) -> tuple[IntArray, IntArray]:

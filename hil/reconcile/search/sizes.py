@@ -3,7 +3,7 @@
 import numpy as np
 
 from hil.campaign import FloatArray
-from hil.reconcile.search.evidence import shrunk
+from hil.reconcile.search.evidence import bordered, eliminated
 from hil.reconcile.search.set_in_block import SetInBlock
 
 
@@ -33,7 +33,7 @@ def log_sizes(of: SetInBlock, member: int, t: int) -> FloatArray:
     scale, gram, score = of.scales_left[t], of.gram[t], of.score[t]
     root, pull = deviation / np.sqrt(scale), score - mean @ gram
     squares = of.beside.rss[t] - np.sum(mean * (score + pull), axis=1)
-    left, half_log_det = shrunk(gram * (root[..., :, None] * root[..., None, :]), pull * root, squares)
+    left, half_log_det = eliminated(bordered(gram[..., None] * (root.T[:, None] * root.T), (pull * root).T, squares))
     log = own.log_weights - half_log_det - 0.5 * left / scale
     log[np.any(own.mean != own.mean[of.best[member]], axis=1)] = -np.inf
     return np.asarray(log - np.logaddexp.reduce(log))

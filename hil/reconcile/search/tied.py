@@ -70,7 +70,7 @@ def tied_gains(sets: Sequence[Tied]) -> list[float]:
             own | dict(zip(block.members, block.best, strict=True)) for own, block in zip(sizes, without, strict=True)
         ]
         slack = [dict(zip(block.members, block.slack_at_best, strict=True)) for block in blocks]
-        left, left_without = ([block.left_free() for block in own] for own in (blocks, without))
+        left, left_without = ([block.left for block in own] for own in (blocks, without))
         apart.append([_Start.of([block], [own], [of]) for block, own, of in zip(blocks, sizes, left, strict=True)])
         # What other sizes add is in every block's evidence, and once in that of the one number.
         again.append(sum(sum(of := [own[j] for own in slack if j in own]) - max(of) for j in tied))

@@ -22,7 +22,7 @@ from hil.reconcile.proof.held_out import HeldOut, likeliest_without
 from hil.reconcile.search.layout import searches, values_follow
 from hil.reconcile.search.posterior import Found, Posterior, _alone, weigh
 from hil.reconcile.search.problem import Problem, pose
-from hil.reconcile.search.set_in_block import CLOSE, Inner, Sets, instead
+from hil.reconcile.search.set_in_block import CLOSE, Inner, Sets
 from hil.reconcile.search.sets import SensorSearch
 from hil.reconcile.search.tied import tied_gains
 from hil.reconcile.workflow import _kept
@@ -100,9 +100,9 @@ def test_no_size_is_left_that_another_noise_makes_likelier() -> None:
         inside = np.array([(e, o) for e, o in near if 0 <= o < len(weighed.options[e])])
         own, members = search.blocks[b], {j: search.member(j, b) for j in weighed.members}
         sets = Sets(own.beside, own.points, members, [weighed.members], Inner.of(own.beside, members))
-        o, t = (part.ravel() for part in np.indices((len(inside), len(own.points))))
-        others = instead(np.tile(weighed.best, (len(o), 1)), *inside[o].T)
-        heights = sets.at(np.zeros(len(o), dtype=np.int64), others, t) + own.points.log_prior[t]
+        others = np.tile(weighed.best, (len(inside), 1))
+        others[np.arange(len(inside)), inside[:, 0]] = inside[:, 1]
+        heights = sets.hold(np.zeros(len(inside), dtype=np.int64), others) + own.points.log_prior
         assert heights.max() < (climbed + own.points.log_prior).max() + 2.0 * CLOSE
 
 

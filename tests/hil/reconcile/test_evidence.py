@@ -22,7 +22,7 @@ from hil.model.effects.columns import per_channel
 from hil.model.effects.prior import OFFSETS, SCATTER, SECOND_TIER, log_sum, scatter_log_odds
 from hil.reconcile.search import set_in_block
 from hil.reconcile.search.block_search import BlockSearch
-from hil.reconcile.search.evidence import Amplitude, shrunk
+from hil.reconcile.search.evidence import Amplitude, bordered, eliminated
 from hil.reconcile.search.layout import searches
 from hil.reconcile.search.noise import Noise
 from hil.reconcile.search.problem import pose
@@ -265,7 +265,7 @@ def test_in_which_unit_a_column_is_given_changes_nothing(search: SensorSearch) -
     same, scaled = (one.in_block((0, 1), 0) for one in both_ways)
     np.testing.assert_allclose(scaled.terms_log, same.terms_log, atol=1e-6)
     assert scaled.best == same.best
-    np.testing.assert_allclose(scaled.left_free(), same.left_free(), rtol=1e-6)
+    np.testing.assert_allclose(scaled.left, same.left, rtol=1e-6)
     np.testing.assert_allclose(scaled.scales_left, same.scales_left, rtol=1e-6)
 
 
@@ -316,6 +316,6 @@ def test_the_log_of_no_summands_is_that_of_nothing() -> None:
 
 def test_squares_that_rounding_took_below_nothing_are_none() -> None:
     """A channel with as many rates as the base has values leaves 0, and by rounding less: that ends no search."""
-    left, half_log_det = shrunk(np.zeros((1, 1, 1)), np.zeros((1, 1)), np.array([-3.6e-12]))
+    left, half_log_det = eliminated(bordered(np.zeros((1, 1, 1)), np.zeros((1, 1)), np.array([-3.6e-12])))
     assert 0.0 < left[0] < 1e-11
     assert half_log_det[0] == 0.0
