@@ -44,11 +44,6 @@ class _Rows:
     data: Sequence[int]
     known: dict[Profile, FloatArray] = field(default_factory=dict)
 
-    @cached_property
-    def log_prior(self) -> FloatArray:
-        """Log prior of every noise, (κ,), that of what scatters included."""
-        return np.asarray(self.grid.log_prior + self.noise.log_odds(self.grid))
-
     def heights(self, at: IntArray, profiles: Sequence[Profile]) -> FloatArray:
         """Log evidence (v, k, f) of variants at some of the noises (k,) with profiles (f,), all priors included."""
         factors = np.array([self.noise.factor(self.noise.place(p)) for p in profiles])
@@ -62,26 +57,25 @@ class _Rows:
         values, gram = factors.shape[1], self.gram[at][:, None]
         own = np.swapaxes(factors, 1, 2) @ gram[:, :, :values]
         seen, of_values = explained(np.eye(factors.shape[2]) + own[..., :values] @ factors, own[..., values:])
-        rest = gram[:, :, values:, values:] - np.swapaxes(seen, 2, 3) @ seen
+        gram = gram[:, :, values:, values:]
+        rest = np.moveaxis(gram - np.swapaxes(seen, 2, 3) @ seen if values else gram, (2, 3), (0, 1)).copy()
         # Where values explain all but a part in 10^13, what is left is rounding, and may be less than nothing.
-        diagonal = np.einsum("kfii->kfi", rest)
-        diagonal += ROUNDING * np.einsum("kfii->kfi", gram[:, :, values:, values:])
+        diagonal = np.einsum("iikf->ikf", rest)
+        diagonal += ROUNDING * np.einsum("kfii->ikf", gram)
         diagonal *= 1.0 + SEEN**2
-        seen, of_base = explained(rest[:, :, : self.base, : self.base], rest[:, :, : self.base, self.base :])
-        rest = rest[:, :, self.base :, self.base :] - np.swapaxes(seen, 2, 3) @ seen
+        _, of_base = eliminated(rest, self.base)
         half_log_det = self.half_log_det[at][:, None] + of_values + of_base
-        own = self.log_prior[at][:, None] + np.array([self.noise.log_profile(p) for p in profiles])
+        own = self.grid.log_prior[at][:, None] + np.array([self.noise.log_profile(p) for p in profiles])
         out, sizes = np.empty((len(self.variants), *own.shape)), np.array([len(each) for each in self.variants])
         for size in np.unique(sizes):
             alike = np.flatnonzero(sizes == size)
-            index = np.array([[*self.variants[v], self.data[v]] for v in alike.tolist()])
+            index = self.base + np.array([[*self.variants[v], self.data[v]] for v in alike.tolist()])
             out[alike] = own + self._alone(rest, half_log_det, index)
         return out
 
     def _alone(self, rest: FloatArray, half_log_det: FloatArray, index: IntArray) -> FloatArray:
         """Log evidence (v, k, f) of data beside columns that are free: their places (v, q + 1), the data's last."""
-        few = np.moveaxis(rest[:, :, index[:, :, None], index[:, None]], (3, 4, 2), (0, 1, 2))
-        left, of_columns = eliminated(few.copy())
+        left, of_columns = eliminated(rest[index.T[:, None], index.T])
         log_base, rss = -of_columns - half_log_det, np.maximum(left, LEAST)
         freedom = len(self.noise.order) - self.base - index.shape[1] + 1
         return log_sum(student(rss[None], log_base, self.scales, freedom))
@@ -102,19 +96,21 @@ class _Rows:
         That is beside the first of profiles that was asked about: several climb to the same, and to others that differ
         in little.
         """
+        first, near = next(iter(self.known), profile), np.ones(len(self.grid), dtype=bool)
+        if first != profile:
+            self.everywhere(v, first)
+            near = self._near_first
+        self.at(np.flatnonzero(near), profile)
+        return np.asarray(self.known[profile][v])
+
+    def at(self, places: IntArray, profile: Profile) -> FloatArray:
+        """Return the heights (v, k) of all variants beside a profile at some of the noises (k,), each made once."""
         known = self.known.get(profile, np.zeros((len(self.variants), 0)))
-        if known.shape[1] < len(self.grid):
-            first = next(iter(self.known), profile)
-            near = np.ones(len(self.grid), dtype=bool)
-            if first != profile:
-                self.everywhere(v, first)
-                near = self._near_first
-            new = np.full((len(self.variants), len(self.grid)), -np.inf)
-            new[:, : known.shape[1]] = known
-            at = np.flatnonzero(near & (np.arange(len(self.grid)) >= known.shape[1]))
-            new[:, at] = self.heights(at, [profile])[:, :, 0]
-            known = self.known[profile] = new
-        return np.asarray(known[v])
+        if more := len(self.grid) - known.shape[1]:
+            known = self.known[profile] = np.pad(known, ((0, 0), (0, more)), constant_values=-np.inf)
+        if len(new := places[known[0, places] == -np.inf]):
+            known[:, new] = self.heights(new, [profile])[:, :, 0]
+        return np.asarray(known[:, places])
 
     @cached_property
     def _near_first(self) -> BoolArray:
@@ -196,15 +192,14 @@ def likely_points(
     columns = np.column_stack([noise.by_station, *(own[noise.order] for own in (base, *free, *data))])
     ends = np.cumsum([0, *(own.shape[1] for own in free)])
     variants = [np.arange(a, b) for a, b in pairwise(ends)]
-    grid = noise.grid
     gram, half_log_det = noise.products(columns)
     each, of = zip(*((v, int(ends[-1]) + y) for v in variants for y in range(len(data))), strict=True)
-    rows = _Rows(noise, grid, scales, gram, half_log_det, base.shape[1], each, of)
+    rows = _Rows(noise, _priced(noise), scales, gram, half_log_det, base.shape[1], each, of)
 
     found = rows.climb()
-    if noise.grow(noise.grid.take(np.flatnonzero(np.any([_leads(own, grid.sort) for _, own in found], axis=0)))):
+    if noise.grow(noise.grid.take(np.flatnonzero(np.any([_leads(own, noise.grid.sort) for _, own in found], axis=0)))):
         gram, half_log_det = noise.products(columns)
-        rows = replace(rows, grid=noise.grid, gram=gram, half_log_det=half_log_det)
+        rows = replace(rows, grid=_priced(noise), gram=gram, half_log_det=half_log_det)
         found = [(best, rows.everywhere(v, best)) for v, (best, _) in enumerate(found)]
     grid = noise.grid
     seen = {best: (v, int(np.argmax(beside))) for v, (best, beside) in reversed([*enumerate(found)])}
@@ -212,7 +207,7 @@ def likely_points(
     near = np.flatnonzero(np.any([_near(b, grid.sort) for _, b in found], axis=0) | _quiet(grid))
     if quieter:
         near = np.union1d(near, np.flatnonzero(grid.quieter(int(np.argmax(found[0][1])))))
-    heights = rows.heights(near, profiles)
+    heights = np.stack([rows.at(near, p) for p in profiles], axis=2)
     heights -= heights.max(axis=(1, 2), keepdims=True)
     at, which = (part.ravel() for part in np.indices(heights.shape[1:]))
     every = grid.take(near[at])
@@ -225,6 +220,11 @@ def likely_points(
     if quieter:
         kept |= every.quieter(int(np.argmax(first)))
     return every.take(np.flatnonzero(kept)), (first if quieter else best)[kept]
+
+
+def _priced(noise: Noise) -> Points:
+    """Return every noise, with the log prior of what scatters in that of each."""
+    return replace(noise.grid, log_prior=noise.grid.log_prior + noise.log_odds(noise.grid))
 
 
 def _kept(every: Points, best: FloatArray, sorts: Sequence[frozenset[str]]) -> BoolArray:

@@ -173,13 +173,14 @@ class Noise:
             known, self._shown = asked, (columns, np.zeros((0, len(asked), len(asked))), np.zeros(0))
         given, gram, half_log_det = self._shown
         new, most = np.arange(len(gram), len(self.grid)), max(1, LARGEST // max(given.size, 1))
-        if more := len(new):
-            gram, half_log_det = np.pad(gram, [(0, more), (0, 0), (0, 0)]), np.pad(half_log_det, (0, more))
-        for at, own in self.filters(self.grid.take(new)):
-            half_log_det[new[at]] = own.half_log_det
+        more, further = np.empty((len(new), *gram.shape[1:])), np.empty(len(new))
+        for at, own in self.filters(self.grid.take(new)) if len(new) else ():
+            further[at] = own.half_log_det
             for few in np.split(np.arange(len(at)), range(most, len(at), most)):
                 white = own.take(few).whiten(given)
-                gram[new[at[few]]] = np.swapaxes(white, 1, 2) @ white
+                more[at[few]] = np.swapaxes(white, 1, 2) @ white
+        if len(new):
+            gram, half_log_det = np.concatenate([gram, more]), np.concatenate([half_log_det, further])
         self._shown = given, gram, half_log_det
         index = np.array([known.index(own) for own in asked])
         return gram if asked == known else gram[:, index[:, None], index], half_log_det
