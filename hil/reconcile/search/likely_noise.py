@@ -4,7 +4,7 @@ What the rows are to every model of the noise is said once, by inner products of
 follow temperature then costs matrices of the size of a sweep, however many rows there are.
 """
 
-from collections.abc import Container, Sequence
+from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
@@ -87,8 +87,37 @@ class _Rows:
             return [(stand, self.everywhere(v, stand)) for v in range(len(self.variants))]
         ordinary = np.flatnonzero(self.grid.sort == 0)
         alike = [(way,) * len(stand) for way in FOLLOWS]
-        starts = [np.unravel_index(np.argmax(own), own.shape) for own in self.heights(ordinary, alike)]
-        return [self._climb(v, int(ordinary[k]), alike[f]) for v, (k, f) in enumerate(starts)]
+        asked, out = dict[tuple[int, Profile], list[int]](), dict[int, tuple[Profile, FloatArray]]()
+        for v, own in enumerate(self.heights(ordinary, alike)):
+            k, f = np.unravel_index(np.argmax(own), own.shape)
+            asked.setdefault((int(ordinary[k]), alike[f]), []).append(v)
+        height = np.full(len(self.variants), -np.inf)
+        while asked:  # by turns to the likeliest way for each value, and to the likeliest noise beside these
+            (at, best), some = next(iter(asked.items()))
+            del asked[at, best]
+            for v, likeliest in sorted(self._profiles(at, some, best)):
+                beside = self.everywhere(v, likeliest)
+                then = int(np.argmax(beside))
+                if then == at or beside[then] <= height[v]:
+                    out[v] = likeliest, beside
+                else:
+                    height[v] = beside[then]
+                    asked.setdefault((then, likeliest), []).append(v)
+        return [out[v] for v in range(len(self.variants))]
+
+    def _profiles(self, at: int, some: list[int], best: Profile) -> Iterator[tuple[int, Profile]]:
+        """Climb with some variants to the likeliest way for each value at a noise, side by side while they go alike."""
+        asked = [(some, best, 0, 0)]
+        while asked:
+            some, best, place, stays = asked.pop()
+            if stays == len(best):  # since one last went another way, all others were asked
+                yield from ((v, best) for v in some)
+                continue
+            changed = [(*best[:place], way, *best[place + 1 :]) for way in FOLLOWS]
+            likeliest = np.argmax(self._only(some, at).heights(np.arange(1), changed)[:, 0], axis=1)
+            for f in np.unique(likeliest).tolist():
+                own, then = [some[k] for k in np.flatnonzero(likeliest == f)], (place + 1) % len(best)
+                asked.append((own, changed[f], then, stays + 1 if changed[f] == best else 1))
 
     def everywhere(self, v: int, profile: Profile) -> FloatArray:
         """Return the heights (κ,) of one variant beside a profile, at every noise that is not out of the question.
@@ -117,49 +146,28 @@ class _Rows:
         """Which noises (κ,) are not out of the question beside the first profile, which was asked about everywhere."""
         return np.asarray(np.any([_near(own, self.grid.sort) for own in next(iter(self.known.values()))], axis=0))
 
-    def _only(self, v: int, at: int) -> "_Rows":
-        """Return what is about one variant, at one noise."""
-        first, own = self.noise.by_station.shape[1] + self.base, len(self.variants[v])
-        index = np.append(np.arange(first), first + np.append(self.variants[v], self.data[v]))
+    def _only(self, some: Sequence[int], at: int) -> "_Rows":
+        """Return what is about some variants, at one noise."""
+        first, data = self.noise.by_station.shape[1] + self.base, [self.data[v] for v in some]
+        used = np.unique(np.concatenate([*(self.variants[v] for v in some), data]))
+        index = np.append(np.arange(first), first + used)
+        variants, data = [np.searchsorted(used, self.variants[v]) for v in some], np.searchsorted(used, data).tolist()
         gram, half_log_det = self.gram[at][index[:, None], index][None], self.half_log_det[[at]]
         grid = self.grid.take(np.array([at]))
-        return replace(
-            self, grid=grid, gram=gram, half_log_det=half_log_det, variants=[np.arange(own)], data=[own], known={}
-        )
+        return replace(self, grid=grid, gram=gram, half_log_det=half_log_det, variants=variants, data=data, known={})
 
     def log_width(self, v: int, at: int, profile: Profile, others: Container[Profile]) -> float:
         """Log of how probable beside a profile all are for which it stands: one value goes a way of none of `others`.
 
         Values are weighed one by one: what they do beside each other is all but independent.
         """
-        only, out = self._only(v, at), 0.0
+        only, out = self._only([v], at), 0.0
         for place in range(len(profile)):
             near = [(*profile[:place], way, *profile[place + 1 :]) for way in FOLLOWS]
             near = [profile, *(own for own in near if own != profile and own not in others)]
             heights = only.heights(np.arange(1), near).ravel()
             out += float(log_sum(heights - heights[0]))
         return out
-
-    def _climb(self, v: int, at: int, best: Profile) -> tuple[Profile, FloatArray]:
-        """Climb by turns to the likeliest way for each value, and to the likeliest noise beside these."""
-        height = -np.inf
-        while True:
-            best = self._only(v, at)._profile(best)
-            beside = self.everywhere(v, best)
-            before, at = at, int(np.argmax(beside))
-            if at == before or beside[at] <= height:
-                return best, beside
-            height = beside[at]
-
-    def _profile(self, best: Profile) -> Profile:
-        """Climb to the likeliest way for each value at the only noise."""
-        place = stays = 0
-        while stays < len(best):  # since one last went another way, all others were asked
-            changed = [(*best[:place], way, *best[place + 1 :]) for way in FOLLOWS]
-            likeliest = changed[int(np.argmax(self.heights(np.arange(1), changed)))]
-            stays = stays + 1 if likeliest == best else 1
-            best, place = likeliest, (place + 1) % len(best)
-        return best
 
 
 def explained(gram: FloatArray, columns: FloatArray) -> tuple[FloatArray, FloatArray]:
