@@ -25,7 +25,6 @@ ROUNDING = 1e-13
 """Share of the squared residuals that rounding may cost."""
 LEAST = 1e-12
 """Sum of squares below which nothing but rounding is left."""
-_SINGULAR = -8.0  # half the log det of cosines of columns, below which some may be all but combinations of others
 
 
 @dataclass(frozen=True)
@@ -196,15 +195,3 @@ def swept(both: FloatArray, columns: int) -> FloatArray:
         both[i] = both[:, i] = rest
         both[i, i] = -1.0 / pivot
     return half_log_det
-
-
-def inverted(gram: FloatArray) -> FloatArray:
-    """Return inverses of inner products (k, k, m, t); of what is all but singular the directions that there are."""
-    unit = np.sqrt(np.maximum(np.einsum("kkmt->kmt", gram), LEAST))
-    out = gram / (both := unit[:, None] * unit)
-    alike, own = np.moveaxis(out, (0, 1), (2, 3)).copy(), np.einsum("kkmt->kmt", out)
-    own += own == 0.0  # which is a view
-    with np.errstate(all="ignore"):
-        odd = ~(swept(out, len(out)) > _SINGULAR)
-    out[:, :, odd] = -np.moveaxis(np.linalg.pinv(alike[odd], rcond=1e-9, hermitian=True), 0, 2)
-    return np.asarray(-out / both, dtype=np.float64)

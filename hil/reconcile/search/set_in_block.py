@@ -14,7 +14,7 @@ import numpy as np
 
 from hil.campaign import BoolArray, FloatArray, IntArray
 from hil.model.effects.prior import log_sum
-from hil.reconcile.search.evidence import LEAST, Beside, Options, bordered, eliminated, inverted, student, swept
+from hil.reconcile.search.evidence import LEAST, Beside, Options, bordered, eliminated, student, swept
 from hil.reconcile.search.likely_noise import DEPTH
 from hil.reconcile.search.noise import LARGEST
 from hil.reconcile.search.points import Points
@@ -22,6 +22,7 @@ from hil.reconcile.search.points import Points
 CLOSE = 0.01
 """What makes the rows less more probable than this (log) is not climbed to."""
 ABOUT = np.arange(-2, 3)  # steps of a size about the best that are summed over
+_FREE = 1e6  # times what makes a column as large as the noise: as good as free, and no combination of columns is none
 _ALIKE = 4  # columns by which sets that are weighed side by side may differ
 
 
@@ -162,8 +163,10 @@ class Sets:
         self.first = np.cumsum(self.width, axis=1) - self.width
         self.gram = np.ascontiguousarray(np.moveaxis(gram, 0, 2)[filled.T[:, None], filled.T])  # (k, k, m, t)
         self.score = np.ascontiguousarray(np.moveaxis(score, 0, 1)[filled.T])
-        self.inverse = inverted(self.gram)
-        self.left = _left(beside.rss, self.score, self.inverse)
+        self.unit = np.sqrt(np.maximum(np.einsum("kkmt->kmt", self.gram), LEAST))
+        far = _FREE / self.unit
+        left, _ = eliminated(bordered(self.gram * (far[:, None] * far), self.score * far, beside.rss))
+        self.left = np.maximum(left, LEAST)
         self.variance = beside.scale_left(self.left)
         self.each = np.arange(len(sets))
         self.held, self.half_log_det = np.empty((wide + 1, wide + 1, *self.variance.shape)), self.variance.copy()
@@ -234,10 +237,13 @@ class Sets:
 
     def best_sizes(self, t: IntArray) -> IntArray:
         """Return the sizes (m, e) that a free fit at one point of the noise (m,) makes most probable."""
-        inverse, left = self.inverse[:, :, self.each, t], self.left[self.each, t]
-        fit = np.einsum("klm,lm->mk", inverse, self.score[:, self.each, t])
-        left = np.maximum(left / np.maximum(self.beside.freedom - self.width.sum(axis=1), 1), 1e-9)
-        variance = self.deviation**2 + (np.einsum("kkm->mk", inverse) * left[:, None])[:, None, None]
+        unit, here = self.unit[:, self.each, t].T, np.moveaxis(self.gram[:, :, self.each, t], 2, 0)
+        both = unit[:, :, None] * unit[:, None]
+        inverse = np.linalg.pinv(here / both, rcond=1e-9, hermitian=True) / both
+        fit = np.einsum("mkl,lm->mk", inverse, self.score[:, self.each, t])
+        left = self.left[self.each, t] / np.maximum(self.beside.freedom - self.width.sum(axis=1), 1)
+        values = np.einsum("mkk->mk", inverse) * np.maximum(left, 1e-9)[:, None]
+        variance = self.deviation**2 + values[:, None, None]
         own = np.any(self.deviation > 0.0, axis=2, keepdims=True)
         variance = np.where(own, variance, 1.0)
         misfit = np.where(own, (fit[:, None, None, :] - self.mean) ** 2, 0.0) / variance + np.log(variance)
@@ -285,11 +291,6 @@ class Sets:
             by_scale = student(left, self.beside.log_base[at], self.beside.scales, self.beside.freedom)
             out[:, n] = log_sum(by_scale - half_log_det[:, None] - more)
         return np.asarray(out + others)
-
-
-def _left(rss: FloatArray, score: FloatArray, inverse: FloatArray) -> FloatArray:
-    """Return what is left of squares (t,) where amplitudes are free, (m, t), of scores (k, m, t)."""
-    return np.asarray(np.maximum(rss - np.sum(np.sum(inverse * score, axis=1) * score, axis=0), LEAST))
 
 
 def _most(found: FloatArray) -> tuple[IntArray, IntArray]:
