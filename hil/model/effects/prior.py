@@ -114,9 +114,11 @@ def log_offset(offset: float) -> float:
     return float(np.log1p((offset / 4.0) ** 2))
 
 
+_NO_LOG = -1e300  # of nothing at all, and no infinity: to be taken from one
+
+
 def log_sum(values: FloatArray, axis: int = 0) -> FloatArray:
     """Return the log of the sum of exponentials along an axis of (k, n), say: (n,); quicker than logaddexp."""
-    peak = values.max(axis=axis, keepdims=True, initial=-np.inf)
-    peak = np.where(np.isfinite(peak), peak, 0.0)
+    peak = values.max(axis=axis, keepdims=True, initial=_NO_LOG)
     with np.errstate(divide="ignore"):
         return np.asarray(np.squeeze(peak, axis) + np.log(np.sum(np.exp(values - peak), axis=axis)))

@@ -136,10 +136,11 @@ def _weighed(beside: Beside, gram: FloatArray, score: FloatArray, group: Group) 
     step = max(1, _AT_ONCE // variance.size)
     for first in range(0, group.sizes.shape[1], step):
         size, log_weight = (own.T[first : first + step, None, None] for own in (group.sizes, group.log_weights))
-        ratio, left, log_base = size**2 / variance[:, None], rss, beside.log_base[:, None, None] + log_weight
+        ratio, left, shrunk = size**2 / variance[:, None], rss, np.ones(1)
         for value, square in zip(values, squares, strict=True):  # (s, u, t, m, p) from now on
-            shrunk = 1.0 + value * ratio
-            left, log_base = left - square * ratio / shrunk, log_base - 0.5 * np.log(shrunk)
+            own = 1.0 + value * ratio
+            left, shrunk = left - square * ratio / own, shrunk * own
+        log_base = beside.log_base[:, None, None] + log_weight - 0.5 * np.log(shrunk)
         by_size = student(np.maximum(left, LEAST), log_base, beside.scales, beside.freedom)
         terms.append(by_size.reshape(-1, *rss.shape))
     return log_sum(np.concatenate(terms))

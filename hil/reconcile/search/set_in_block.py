@@ -197,14 +197,18 @@ class Sets:
         best = self.best_sizes(free)
         heights = self.hold(self.each, best)
         near, about = self._about(self.each, best, heights)
-        while len(climbing):  # every round makes the rows likelier, and sizes are few
-            # What is best at the point that was likeliest may not be so at another, which is likelier with it.
-            highest, least = (about[climbing] + prior).max(axis=3), (heights[climbing] + prior).max(axis=1) + CLOSE
-            (e, step), top = _most(highest), highest.max(axis=(1, 2))
-            size, still = best[climbing, e] + ABOUT[step], np.flatnonzero(top <= least)
-            at = np.argmax(heights + prior, axis=1), free
-            e[still], size[still], top[still] = self._farther(climbing[still], best, at)
-            climbing, e, size = (each[top > least] for each in (climbing, e, size))
+        still = climbing[:0]
+        while len(
+            some := climbing if len(climbing) else still
+        ):  # every round makes the rows likelier, and sizes are few
+            least = (heights[some] + prior).max(axis=1) + CLOSE
+            if len(climbing):
+                highest = (about[some] + prior).max(axis=3)
+                (e, step), top = _most(highest), highest.max(axis=(1, 2))
+                size, still = best[some, e] + ABOUT[step], np.append(still, some[top <= least])
+            else:  # what is best at the point that was likeliest may not be so at another, which is likelier with it
+                (e, size, top), still = self._farther(some, best, (np.argmax(heights + prior, axis=1), free)), still[:0]
+            climbing, e, size = (each[top > least] for each in (some, e, size))
             best[climbing, e] = size
             heights[climbing] = self.hold(climbing, best[climbing])
             near[climbing], about[climbing] = self._about(climbing, best, heights)
