@@ -17,6 +17,7 @@ from hil.reconcile.search.together import log_prior, same_states
 
 WIDTH = (8, 5, 4, 3, 2)  # how many sets are grown further, at none, one, two … terms
 NARROW = (2, 2, 2, 1, 1)  # and where it is only asked what sets come to, about
+FEW = 8  # sets that each then grows into
 GROWTH = 8  # how many names each of them is tried with
 PER_NAME = 3  # shapes of one name among these: what a name's best shapes cannot do its others cannot
 WORTH = 7.0  # sets this much (log) below the best of their sensor are not combined over sensors
@@ -108,7 +109,8 @@ def _grown(search: SensorSearch, layer: Sequence[Set], widths: Sequence[int]) ->
     known = _alone(search, layer)
     for width in widths:
         leading = sorted(layer, key=lambda s: -known[s])[:width]
-        grown = list(dict.fromkeys(s for given in leading for s in _further(search, given, known)))
+        most = FEW if widths is NARROW else None
+        grown = list(dict.fromkeys(s for given in leading for s in _further(search, given, known)[:most]))
         if not grown:
             break
         known |= _alone(search, grown)
