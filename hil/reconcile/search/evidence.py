@@ -6,9 +6,10 @@ set leaves, so that what is integrated is a Student t (Box & Tiao 1973, 2.7). Ev
 the noise, over the sizes that an amplitude may have, and over how strongly the stated errors hold.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 from scipy.special import gammaln
@@ -134,6 +135,33 @@ class Beside:
         return log_sum(self.student(self.rss[None]))
 
 
+@dataclass(frozen=True)
+class Member:
+    """A term in a block: which of its parameters it has here (q,), every size of them, projected columns (t, N, q)."""
+
+    parameters: IntArray
+    options: Options
+    columns: FloatArray
+
+
+@dataclass(frozen=True)
+class Inner:
+    """Inner products (t, n, n) of the columns of some terms and one of zeros, with the data (t, n), and places."""
+
+    gram: FloatArray
+    score: FloatArray
+    places: Mapping[int, IntArray]
+
+    @classmethod
+    def of(cls, beside: Beside, terms: Mapping[int, Member]) -> "Inner":
+        """Multiply the columns of terms, by place, with each other and with what the base leaves of the data."""
+        none = np.zeros_like(beside.residual[..., None])
+        laid = np.concatenate([*(own.columns for own in terms.values()), none], axis=2)
+        gram, score = np.swapaxes(laid, 1, 2) @ laid, (beside.residual[:, None, :] @ laid)[:, 0]
+        ends = np.cumsum([0, *(len(own.parameters) for own in terms.values())])
+        return cls(gram, score, {j: np.arange(a, b) for j, (a, b) in zip(terms, pairwise(ends), strict=True)})
+
+
 def student(left: FloatArray, log_base: FloatArray, scales: Sequence[Scale], freedom: int) -> FloatArray:
     """Return the log evidence (s, …) of quadratic forms `left` (s or 1, …), with log determinants, by scale."""
     _, b, power, constant = _under(scales, freedom, left.ndim - 1)
@@ -180,18 +208,20 @@ def eliminated(both: FloatArray, columns: int | None = None) -> tuple[FloatArray
     return both[-1, -1], half_log_det
 
 
-def swept(both: FloatArray, columns: int) -> FloatArray:
+def swept(both: FloatArray, less: FloatArray, columns: int) -> FloatArray:
     """Sweep the first columns of matrices (q, q, …) in place (Beaton 1964), and return half of their log det, (…,).
 
     That leaves −G^-1 of these columns' products G, G^-1 B of what is beside them, and C − B'G^-1 B of the rest. Swept
-    again they are what they were, B with the other sign.
+    again they are what they were, B with the other sign. `less` (q, …) is the diagonal less 1, and 1 less that of G^-1
+    then: kept apart, neither what is next to nothing nor what is very large is lost to rounding.
     """
     half_log_det = np.zeros(both.shape[2:])
     for i in range(columns):
-        own, pivot = both[i].copy(), both[i, i].copy()
+        own, pivot, alone = both[i].copy(), both[i, i].copy(), less[i].copy()
         half_log_det += 0.5 * np.log(np.abs(pivot))
         rest = own / pivot
         both -= own[:, None] * rest
+        less -= own * rest
         both[i] = both[:, i] = rest
-        both[i, i] = -1.0 / pivot
+        both[i, i], less[i] = -1.0 / pivot, alone / np.abs(pivot)
     return half_log_det

@@ -7,14 +7,14 @@ side by side: one of fewer columns than another is filled up with a column of ze
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import groupby, pairwise
+from itertools import groupby
 from types import MappingProxyType
 
 import numpy as np
 
 from hil.campaign import BoolArray, FloatArray, IntArray
 from hil.model.effects.prior import log_sum
-from hil.reconcile.search.evidence import LEAST, Beside, Options, bordered, eliminated, student, swept
+from hil.reconcile.search.evidence import LEAST, Beside, Inner, Member, Options, bordered, eliminated, student, swept
 from hil.reconcile.search.likely_noise import DEPTH
 from hil.reconcile.search.noise import LARGEST
 from hil.reconcile.search.points import Points
@@ -24,15 +24,6 @@ CLOSE = 0.01
 ABOUT = np.arange(-2, 3)  # steps of a size about the best that are summed over
 _FREE = 1e6  # times what makes a column as large as the noise: as good as free, and no combination of columns is none
 _ALIKE = 4  # columns by which sets that are weighed side by side may differ
-
-
-@dataclass(frozen=True)
-class Member:
-    """A term in a block: which of its parameters it has here (q,), every size of them, projected columns (t, N, q)."""
-
-    parameters: IntArray
-    options: Options
-    columns: FloatArray
 
 
 @dataclass(frozen=True)
@@ -91,24 +82,6 @@ class SetInBlock:
         return [float(own[t]) for own in self.slack]
 
 
-@dataclass(frozen=True)
-class Inner:
-    """Inner products (t, n, n) of the columns of some terms and one of zeros, with the data (t, n), and places."""
-
-    gram: FloatArray
-    score: FloatArray
-    places: Mapping[int, IntArray]
-
-    @classmethod
-    def of(cls, beside: Beside, terms: Mapping[int, Member]) -> "Inner":
-        """Multiply the columns of terms, by place, with each other and with what the base leaves of the data."""
-        none = np.zeros_like(beside.residual[..., None])
-        laid = np.concatenate([*(own.columns for own in terms.values()), none], axis=2)
-        gram, score = np.swapaxes(laid, 1, 2) @ laid, (beside.residual[:, None, :] @ laid)[:, 0]
-        ends = np.cumsum([0, *(len(own.parameters) for own in terms.values())])
-        return cls(gram, score, {j: np.arange(a, b) for j, (a, b) in zip(terms, pairwise(ends), strict=True)})
-
-
 def weigh_in_block(
     beside: Beside, points: Points, terms: Mapping[int, Member], sets: Sequence[tuple[int, ...]]
 ) -> Iterator[SetInBlock]:
@@ -153,7 +126,9 @@ class Sets:
             own = terms[j].options
             log_weights[i, : len(own)] = own.log_weights
             mean[i, : len(own), places[j]] = own.mean.T
-            deviation[i, : len(own), places[j]] = own.deviation.T
+            # None is nothing: what others leave of an amplitude is told in units of it.
+            largest = np.max(own.deviation + np.abs(own.mean), axis=0)
+            deviation[i, : len(own), places[j]] = np.maximum(own.deviation, LEAST * largest).T
         at = of[:, :, None], slice(None), filled[:, None, :]
         self.log_weights, self.known = log_weights[of], np.isfinite(log_weights[of])  # (m, e, o)
         self.mean, self.deviation = (np.moveaxis(own[at], 3, 2) for own in (mean, deviation))  # (m, e, o, k)
@@ -169,7 +144,8 @@ class Sets:
         self.left = np.maximum(left, LEAST)
         self.variance = beside.scale_left(self.left)
         self.each = np.arange(len(sets))
-        self.held, self.half_log_det = np.empty((wide + 1, wide + 1, *self.variance.shape)), self.variance.copy()
+        shape = (wide + 1, *self.variance.shape)
+        self.held, self.less, self.half_log_det = np.empty((wide + 1, *shape)), np.empty(shape), np.empty(shape[1:])
 
     def weighed(self) -> Iterator[SetInBlock]:
         """Sum over sizes about the best of each term: they are nearly independent given the data, and of the noise."""
@@ -192,8 +168,7 @@ class Sets:
     def _climbed(self) -> tuple[IntArray, FloatArray, BoolArray, FloatArray]:
         """Return the best sizes (m, e), the log evidence with these (m, t), and what is about them."""
         prior, climbing = self.points.log_prior, self.each
-        with_all = student(self.left[None], self.beside.log_base, self.beside.scales, self.beside.freedom)
-        free = np.argmax(log_sum(with_all) + prior, axis=1)
+        free = np.argmax(log_sum(self._student(self.left[None])) + prior, axis=1)
         best = self.best_sizes(free)
         heights = self.hold(self.each, best)
         near, about = self._about(self.each, best, heights)
@@ -219,7 +194,7 @@ class Sets:
         _, i, e = (part.ravel() for part in np.indices((2, *best[some].shape)))
         sets, t = some[i], np.concatenate([of[some[i[: len(i) // 2]]] for of in at])
         every = np.repeat(np.arange(self.known.shape[2])[:, None], len(i), axis=1)
-        each = self._instead(sets, e, best, every, t) + self.points.log_prior[t]
+        each = self.instead(sets, e, best, every, t) + self.points.log_prior[t]
         found = np.moveaxis(each.reshape(len(every), 2, *best[some].shape).max(axis=1), 0, 2)
         return *_most(found), found.max(axis=(1, 2))
 
@@ -236,13 +211,16 @@ class Sets:
         likely = total > total.max(axis=1, keepdims=True) - DEPTH
         i, e, t = np.nonzero(likely[:, None] & near.any(axis=2)[..., None])
         found = np.full((*near.shape, len(self.points)), -np.inf)
-        found[i, e, :, t] = np.where(near[i, e], self._instead(sets[i], e, best, sizes[i, e].T, t).T, -np.inf)
+        found[i, e, :, t] = np.where(near[i, e], self.instead(sets[i], e, best, sizes[i, e].T, t).T, -np.inf)
         return near, found
+
+    def _student(self, left: FloatArray, at: IntArray | slice = slice(None)) -> FloatArray:
+        return student(left, self.beside.log_base[at], self.beside.scales, self.beside.freedom)
 
     def best_sizes(self, t: IntArray) -> IntArray:
         """Return the sizes (m, e) that a free fit at one point of the noise (m,) makes most probable."""
-        unit, here = self.unit[:, self.each, t].T, np.moveaxis(self.gram[:, :, self.each, t], 2, 0)
-        both = unit[:, :, None] * unit[:, None]
+        unit = self.unit[:, self.each, t].T
+        both, here = unit[:, :, None] * unit[:, None], np.moveaxis(self.gram[:, :, self.each, t], 2, 0)
         inverse = np.linalg.pinv(here / both, rcond=1e-9, hermitian=True) / both
         fit = np.einsum("mkl,lm->mk", inverse, self.score[:, self.each, t])
         left = self.left[self.each, t] / np.maximum(self.beside.freedom - self.width.sum(axis=1), 1)
@@ -263,12 +241,13 @@ class Sets:
             rss, score = rss + np.sum((pull - 2.0 * score) * mean[..., None], axis=0), score - pull
         root = deviation[:, None, :, None] / np.sqrt(self.variance[:, sets])
         held = bordered(gram[:, :, None] * (root[:, None] * root), score[:, None] * root, rss)
-        half_log_det = swept(held, len(root))
-        self.held[:, :, :, sets], self.half_log_det[:, sets] = held, half_log_det
-        by_scale = student(held[-1, -1], self.beside.log_base, self.beside.scales, self.beside.freedom)
-        return np.asarray(self.log_weights[member].sum(axis=1)[:, None] + log_sum(by_scale - half_log_det))
+        less = np.concatenate([np.einsum("kkst->kst", gram)[:, None] * root**2, held[-1:, -1]])
+        half_log_det = swept(held, less, len(root))
+        self.held[:, :, :, sets], self.less[:, :, sets], self.half_log_det[:, sets] = held, less, half_log_det
+        log = log_sum(self._student(held[-1, -1]) - half_log_det)
+        return np.asarray(self.log_weights[member].sum(axis=1)[:, None] + log)
 
-    def _instead(self, sets: IntArray, e: IntArray, best: IntArray, sizes: IntArray, t: IntArray) -> FloatArray:
+    def instead(self, sets: IntArray, e: IntArray, best: IntArray, sizes: IntArray, t: IntArray) -> FloatArray:
         """Return the log evidence (a, n) of sets (n,), each at a point (n,), with other sizes (a, n) of a member (n,).
 
         All others have the best sizes (m, e), as they are held: what these leave is a matrix of the size of a member.
@@ -281,8 +260,9 @@ class Sets:
             (m, j), at, own = (sets[n], e[n]), t[n], self.first[sets[n], e[n]] + np.arange(size)[:, None]
             both, scale = np.vstack([own, np.full(len(n), -1)]), np.arange(len(self.variance))[:, None]
             inner = self.held[both[:, None, None], both[:, None], scale, m, at]
-            half_log_det = self.half_log_det[:, m, at] + swept(inner, size)
-            inner[range(size), range(size)] -= 1.0
+            less = self.less[both[:, None], scale, m, at]
+            half_log_det = self.half_log_det[:, m, at] + swept(inner, less, size)
+            inner[range(size), range(size)] = less[:size]
             gram, score, rss = inner[:size, :size, :, None], -inner[:size, -1, :, None], inner[-1, -1, :, None]
             was, now = self.deviation[m, j, best[m, j], own], self.deviation[m, j, sizes[:, n], own[:, None]]
             root = (now / was[:, None])[:, None]
@@ -292,8 +272,7 @@ class Sets:
                 pull = np.sum(gram * mean, axis=1)
                 rss, score = rss + np.sum((pull - 2.0 * score) * mean, axis=0), score - pull
             left, more = eliminated(bordered(gram * (root[:, None] * root), score * root, rss))
-            by_scale = student(left, self.beside.log_base[at], self.beside.scales, self.beside.freedom)
-            out[:, n] = log_sum(by_scale - half_log_det[:, None] - more)
+            out[:, n] = log_sum(self._student(left, at) - half_log_det[:, None] - more)
         return np.asarray(out + others)
 
 

@@ -11,10 +11,10 @@ import numpy as np
 from hil.campaign import FloatArray
 from hil.model.effects.prior import log_sum
 from hil.reconcile.search.block_search import BlockSearch
-from hil.reconcile.search.evidence import LEAST, Beside, Options
+from hil.reconcile.search.evidence import LEAST, Beside, Member, Options
 from hil.reconcile.search.noise import LARGEST
 from hil.reconcile.search.scan import Group, log_factors
-from hil.reconcile.search.set_in_block import Member, SetInBlock, weigh_in_block
+from hil.reconcile.search.set_in_block import SetInBlock, weigh_in_block
 from hil.reconcile.search.terms import Term
 from hil.reconcile.search.tied import tied_gains
 from hil.solve.causes import made_again

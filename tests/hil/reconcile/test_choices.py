@@ -19,10 +19,11 @@ from hil.reconcile import reconcile, workflow
 from hil.reconcile.follows import Follows, what_it_follows
 from hil.reconcile.naming import Reading, _surely_wrong, read
 from hil.reconcile.proof.held_out import HeldOut, likeliest_without
+from hil.reconcile.search.evidence import Inner
 from hil.reconcile.search.layout import searches, values_follow
 from hil.reconcile.search.posterior import Found, Posterior, _alone, weigh
 from hil.reconcile.search.problem import Problem, pose
-from hil.reconcile.search.set_in_block import CLOSE, Inner, Sets
+from hil.reconcile.search.set_in_block import CLOSE, Sets
 from hil.reconcile.search.sets import SensorSearch
 from hil.reconcile.search.tied import tied_gains
 from hil.reconcile.workflow import _kept

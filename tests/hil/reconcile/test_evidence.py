@@ -22,7 +22,7 @@ from hil.model.effects.columns import per_channel
 from hil.model.effects.prior import OFFSETS, SCATTER, SECOND_TIER, log_sum, scatter_log_odds
 from hil.reconcile.search import set_in_block
 from hil.reconcile.search.block_search import BlockSearch
-from hil.reconcile.search.evidence import Amplitude, bordered, eliminated
+from hil.reconcile.search.evidence import Amplitude, Inner, bordered, eliminated
 from hil.reconcile.search.layout import searches
 from hil.reconcile.search.noise import Noise
 from hil.reconcile.search.problem import pose
@@ -312,6 +312,22 @@ def test_the_log_of_no_summands_is_that_of_nothing() -> None:
     assert log_sum(np.zeros((0, 2))).tolist() == [-np.inf, -np.inf]
     assert log_sum(np.log([[1.0, 2.0], [3.0, 4.0]])) == pytest.approx(np.log([4.0, 6.0]))
     assert log_sum(np.full((2, 1), -2000.0)) == pytest.approx([np.log(2.0) - 2000.0])  # of which exp is nothing
+
+
+@pytest.mark.parametrize("place", [0, -1])
+def test_what_other_sizes_are_worth_is_what_they_are_when_they_are_chosen(search: SensorSearch, place: int) -> None:
+    """From the smallest of sizes and from the largest, of a hundred million times: else a climb might never end."""
+    pair, own = (term(search, "usual"), term(search, "k2")), search.blocks[0]
+    members = {j: search.member(j, 0) for j in pair}
+    sets, t = Sets(own.beside, own.points, members, [pair], Inner.of(own.beside, members)), np.arange(len(own.points))
+    best, one = np.array([[np.flatnonzero(known)[place] for known in sets.known[0]]]), np.zeros(1, dtype=np.int64)
+    for e, known in enumerate(sets.known[0]):
+        sets.hold(one, best)
+        sizes = np.repeat(np.flatnonzero(known)[:, None], len(t), axis=1)
+        told = sets.instead(np.zeros_like(t), np.full_like(t, e), best, sizes, t)
+        for size, log in zip(sizes[:, 0], told, strict=True):
+            chosen = np.where(np.arange(2) == e, size, best)
+            np.testing.assert_allclose(log, sets.hold(one, chosen)[0], rtol=1e-9, atol=1e-6)
 
 
 def test_squares_that_rounding_took_below_nothing_are_none() -> None:
