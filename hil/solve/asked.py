@@ -13,6 +13,7 @@ from hil.campaign import FloatArray, IntArray
 from hil.model.effects.data import of_a_run, put_right
 from hil.model.effects.prior import COMMON, log_sum
 from hil.solve.causes import ODDS, OWN, TOLD, WIDE, Cause, Runs, Tried, Ways, explained, made_again, off_along, some_of
+from hil.solve.temperatures import visits
 from hil.solve.whitened import Whitened
 
 DOUBTED = 0.5
@@ -273,11 +274,12 @@ class Asked:
 class _Several:
     """What `every` of n causes in `runs` (n,) does: squares (n, q, q), products (n, q), and `shown` (n, p, q) by all.
 
+    Runs of one `visit` (n,) to a temperature that was gone to again have one number: what they share is the visit's.
     What has fewer values than q has some that do nothing.
     """
 
     every: Sequence[tuple[Tried, int]]
-    runs: IntArray
+    visit: IntArray
     squares: FloatArray
     products: FloatArray
     shown: FloatArray
@@ -291,8 +293,11 @@ class _Several:
         own = [np.pad(of, ((0, 0), (0, most - of.shape[1]))) for of in own]
         changed = {run: (*rates.of(run), rates.shown(run)) for run in dict.fromkeys(runs.tolist())}
         laid = [(of, *changed[run]) for of, run in zip(own, runs.tolist(), strict=True)]
+        gone_to = visits(rates.collects.conditions)
+        again = Counter(degC for degC, _ in gone_to)
+        visit = {run: of[0] if again[degC] > 1 else run for degC, of in gone_to for run in of}
         does = ((of.T @ free @ of, of.T @ apart, shows @ of) for of, free, apart, shows in laid)
-        return cls(every, runs, *map(np.array, zip(*does, strict=True)))
+        return cls(every, np.array([visit[run] for run in runs.tolist()]), *map(np.array, zip(*does, strict=True)))
 
     def _together(self, places: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return what some (g, k), as one, do: shown (g, p, k·q), the inverse of squares, and how far off, (g, k·q).
@@ -321,7 +326,7 @@ class _Several:
         several, n, q = products.shape
         size, by, _ = off_along(own.reshape(-1, q, q), products.reshape(-1, q))
         less, paid = (of.reshape(several, n) for of in explained(size, by))
-        other = (self.runs != self.runs[places][..., None]).all(axis=1)
+        other = (self.visit != self.visit[places][..., None]).all(axis=1)
         if places.shape[1] == 1:
             other &= np.arange(n) > places
         g, j = np.nonzero((less > 0.0) & other)
