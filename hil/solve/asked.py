@@ -20,6 +20,7 @@ DOUBTED = 0.5
 """Probability of nothing being wrong, below which something may be."""
 _HARDLY_ANY = 4.0  # logs: of many runs those are not asked about that the data make no likelier than that less
 _SOME = 0.01  # probability of what says at which temperatures rates may be noisier
+_GROWN = 8  # likeliest of what several runs have of their own that are asked for more
 _FIRST = 3  # runs of which it is asked what else is wrong beside what is likeliest of them
 _LEAST_RUNS = 2  # of so few both are all
 _AT_ONCE = 4000  # ways of which it is asked how probable they are: of a life all of them would fill the memory
@@ -162,7 +163,7 @@ class Asked:
     def _again(self, singly: Sequence[Tried]) -> Iterator[Ways]:
         """Yield what several runs have of their own: alone, each is hidden by what the others make of the noise.
 
-        All twos, and as many more beside the likeliest of these as that is worth.
+        All twos, and as many more beside the likeliest of each number as that is worth.
         """
         alike: dict[str, list[tuple[Tried, int]]] = {}
         for each in singly:
@@ -183,7 +184,7 @@ class Asked:
                 worth = log_odds + self._evidence(left)
                 if worth.max() < best - _HARDLY_ANY:
                     break
-                best, first = max(best, float(worth.max())), [int(np.argmax(worth))]
+                best, first = max(best, float(worth.max())), np.argsort(-worth)[:_GROWN]
                 places, log_odds, left = places[first], log_odds[first], left[first]
 
     def _known(self, kind: str) -> int:
@@ -330,7 +331,8 @@ class _Several:
         if places.shape[1] == 1:
             other &= np.arange(n) > places
         g, j = np.nonzero((less > 0.0) & other)
-        return np.column_stack([places[g], j]), log_odds[g] - paid[g, j], left[g] - less[g, j]
+        sets, first = np.unique(np.sort(np.column_stack([places[g], j])), axis=0, return_index=True)  # met from several
+        return sets, (log_odds[g] - paid[g, j])[first], (left[g] - less[g, j])[first]
 
     def causes(self, places: IntArray, i: int) -> tuple[Cause, ...]:
         """Return the causes of one of several sets (g, k), each as far off as it is beside the others."""

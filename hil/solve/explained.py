@@ -108,7 +108,7 @@ def explanations(
             yield found
             enough = SURE  # what hid behind this may be told now
             unsure.clear()
-            done += len(cause.rows)
+            done += len(cause.rows) * (cause.what not in OWN)
             left = left.without(cause)
     yield from dict.fromkeys(unsure.values())
     for run in sorted(distrusted):

@@ -96,26 +96,18 @@ class _Steps(Effect):
         )
 
     def shape_grid(self, conditions: Conditions) -> Sequence[Mapping[str, float]]:
-        """Return every place of a step but the beginning; after the first run, if runs may be others, that was one."""
-        grid = super().shape_grid(conditions)
-        begun = np.unique(conditions.run)[: 1 + any(shape["runs_held"] for shape in grid)]
+        """Return every place of a step but the beginning; at either end of many runs it is one that is another."""
+        grid, runs = super().shape_grid(conditions), np.unique(conditions.run)
+        none = {*runs[:1], *((runs[1], runs[-1]) if any(shape["runs_held"] for shape in grid) else ())}
         return [
-            shape
-            for shape in grid
-            if not (
-                shape["from_collect"] if shape["runs_held"] else self._is_whole(shape) and shape["from_run"] in begun
-            )
+            s
+            for s in grid
+            if not (s["from_collect"] if s["runs_held"] else s["from_run"] in none and not s["from_collect"])
         ]
 
     def happens(self, conditions: Conditions, shape: Mapping[str, float]) -> Hashable:
-        """Return whether one run alone is another, the last too, or a step stays."""
-        last = self._is_whole(shape) and shape["from_run"] == np.max(conditions.run)
-        return "one run" if shape["runs_held"] or last else "stays"
-
-    @staticmethod
-    def _is_whole(shape: Mapping[str, float]) -> bool:
-        """Whether it begins with a run."""
-        return not shape.get("from_collect")
+        """Return whether one run alone is another, or a step stays."""
+        return "one run" if shape["runs_held"] else "stays"
 
     def begins_within(self, shape: Mapping[str, float]) -> Sequence[int]:
         """Return the run in which a step lies between two collects."""
@@ -157,7 +149,7 @@ class Jump(_Steps):
         turned_on = held and not np.isin(cycle[own], cycle[~own]).any()
         kin = {**self.kin, "turnon": 1.0} if turned_on else self.kin  # one state, or scatter
         begun = np.unique(conditions.run)[:1] if held else np.unique(conditions.run)[1:2]
-        return {**kin, **of_a_first_run} if self._is_whole(shape) and shape.get("from_run") in begun else kin
+        return {**kin, **of_a_first_run} if not shape.get("from_collect") and shape.get("from_run") in begun else kin
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
         return per_channel(self.holds(conditions, shape), conditions.sensor)
