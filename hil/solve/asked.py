@@ -20,6 +20,7 @@ DOUBTED = 0.5
 """Probability of nothing being wrong, below which something may be."""
 _HARDLY_ANY = 4.0  # logs: of many runs those are not asked about that the data make no likelier than that less
 _SOME = 0.01  # probability of what says at which temperatures rates may be noisier
+_TOGETHER = 200  # of what runs have of their own are asked in pairs: of a life all would fill the memory
 _GROWN = 8  # likeliest of what several runs have of their own that are asked for more
 _FIRST = 3  # runs of which it is asked what else is wrong beside what is likeliest of them
 _LEAST_RUNS = 2  # of so few both are all
@@ -170,8 +171,9 @@ class Asked:
             if each.along is not None and len(each.left):
                 alike.setdefault(each.what, []).extend((each, k) for k in range(len(each.left)))
         runs = len(self.rates.collects.conditions.of_each_run)
-        for every in alike.values():
-            several, kinds = _Several.of(self.rates, every), len({each.values for each, _ in every})
+        for of in alike.values():
+            every = sorted(of, key=lambda one: one[0].left[one[1]])[:_TOGETHER]
+            several, kinds = _Several.of(self.rates, every), len({each.values for each, _ in of})
             log_odds, left = (np.array([getattr(each, of)[k] for each, k in every]) for of in ("log_odds", "left"))
             places, best = np.arange(len(every))[:, None], -np.inf
             before = self._known(OWN[every[0][0].what])

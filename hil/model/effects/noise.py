@@ -141,11 +141,8 @@ class Jump(_Steps):
         And of a run alone with its turn-on, unless power was on in others of the same cycle.
         """
         of_a_first_run = {"warmup": 1.0, "soak_insufficient": 1.0}
-        cycle, own, held = (
-            _power_cycle_or_run(conditions),
-            conditions.run == shape.get("from_run"),
-            shape.get("runs_held"),
-        )
+        cycle, held = _power_cycle_or_run(conditions), shape.get("runs_held")
+        own = conditions.run == shape.get("from_run")
         turned_on = held and not np.isin(cycle[own], cycle[~own]).any()
         kin = {**self.kin, "turnon": 1.0} if turned_on else self.kin  # one state, or scatter
         begun = np.unique(conditions.run)[:1] if held else np.unique(conditions.run)[1:2]
