@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Self
 
 import numpy as np
@@ -20,12 +20,12 @@ DOUBTED = 0.5
 """Probability of nothing being wrong, below which something may be."""
 _HARDLY_ANY = 4.0  # logs: of many runs those are not asked about that the data make no likelier than that less
 _SOME = 0.01  # probability of what says at which temperatures rates may be noisier
-_TOGETHER = 200  # of what runs have of their own are asked in pairs: of a life all would fill the memory
+_TOGETHER = 72  # of what runs have of their own are asked in pairs: of a life all would fill the memory
 _GROWN = 8  # likeliest of what several runs have of their own that are asked for more
 _FIRST = 3  # runs of which it is asked what else is wrong beside what is likeliest of them
 _LEAST_RUNS = 2  # of so few both are all
 _AT_ONCE = 4000  # ways of which it is asked how probable they are: of a life all of them would fill the memory
-_NEXT_TO_NONE = 1e-4  # probability of all ways together that do not even decide between two
+_NEXT_TO_NONE = 1e-3  # probability of all ways together that do not even decide between two
 _TIMES = np.geomspace(0.05, 500.0, 93)  # that standard errors are too small by
 _RIGHT, _NEARLY = 0.7, 0.15  # probability that they are as stated, within
 _OTHERWISE = 0.7  # and else the usual size of the logarithm of how many times they are not
@@ -182,10 +182,10 @@ class Asked:
                 places, log_odds, left = several.further(places, odds, left)
                 if not len(places):
                     break
-                yield log_odds, left, partial(several.causes, places)
                 worth = log_odds + self._evidence(left)
                 if worth.max() < best - _HARDLY_ANY:
                     break
+                yield log_odds, left, _Grown(several, places).causes
                 best, first = max(best, float(worth.max())), np.argsort(-worth)[:_GROWN]
                 places, log_odds, left = places[first], log_odds[first], left[first]
 
@@ -302,7 +302,7 @@ class _Several:
         does = ((of.T @ free @ of, of.T @ apart, shows @ of) for of, free, apart, shows in laid)
         return cls(every, np.array([visit[run] for run in runs.tolist()]), *map(np.array, zip(*does, strict=True)))
 
-    def _together(self, places: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def together(self, places: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return what some (g, k), as one, do: shown (g, p, k·q), the inverse of squares, and how far off, (g, k·q).
 
         What does nothing is off by nothing.
@@ -322,7 +322,7 @@ class _Several:
 
         Less what each pays for being off by anything; of two either may be the first.
         """
-        shown, inverse, off = self._together(places)
+        shown, inverse, off = self.together(places)
         common = -np.einsum("npq,gpk->gnqk", self.shown, shown, optimize=True)
         own = self.squares - common @ inverse[:, None] @ np.swapaxes(common, 2, 3)
         products = self.products - (common @ off[:, None, :, None])[..., 0]
@@ -336,11 +336,23 @@ class _Several:
         sets, first = np.unique(np.sort(np.column_stack([places[g], j])), axis=0, return_index=True)  # met from several
         return sets, (log_odds[g] - paid[g, j])[first], (left[g] - less[g, j])[first]
 
-    def causes(self, places: IntArray, i: int) -> tuple[Cause, ...]:
-        """Return the causes of one of several sets (g, k), each as far off as it is beside the others."""
-        off = self._together(places[[i]])[2].reshape(places.shape[1], -1)
-        every = (self.every[j] for j in places[i].tolist())
-        return tuple(each.one(k, by[: len(each.values)]) for (each, k), by in zip(every, off, strict=True))
+
+@dataclass(frozen=True)
+class _Grown:
+    """Sets (g, k) of several causes, by their places."""
+
+    several: _Several
+    places: IntArray
+
+    @cached_property
+    def _off(self) -> FloatArray:
+        """How far off each is beside the others of its set, (g, k, q)."""
+        return self.several.together(self.places)[2].reshape(*self.places.shape, -1)
+
+    def causes(self, i: int) -> tuple[Cause, ...]:
+        """Return the causes of one of the sets."""
+        every = (self.several.every[j] for j in self.places[i].tolist())
+        return tuple(each.one(k, by[: len(each.values)]) for (each, k), by in zip(every, self._off[i], strict=True))
 
 
 def _in_common(log_odds: float, elsewhere: float | None) -> float:
