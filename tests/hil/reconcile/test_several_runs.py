@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from hil.campaign import Campaign
 from hil.reconcile import reconcile
 from hil.solve import repeats, solve_campaign
-from hil.solve.wrong_rows import wrong_rows
+from hil.solve.wrong_rows import USED, wrong_rows
 from tests.hil.reconcile.hidden_effects import base_rates, campaign_of, lay_out
 
 FOUR = (0.0, 20.0, 40.0, 60.0)
@@ -71,3 +72,31 @@ def test_a_run_at_an_end_of_its_temperature_is_in_no_mean_either(run: int, other
     (effect,) = result.effects
     assert (effect.id, {of["when"].split()[2] for of in effect.parameters}) == ("jump", {str(run), str(other)})
     assert result.gap.after < 1.5 * result.gap.noise_floor
+
+
+def made_of(off: dict[int, tuple[float, float]], runs_each: int, levels: tuple[float, ...] = FOUR[:3]) -> Campaign:
+    """Return runs of which some have another bias, deg/hr, in the two channels."""
+    rng = np.random.default_rng(5)
+    rows = lay_out(rng, levels, runs_each)
+    rates = base_rates(rows, thermal=False) + rng.normal(0.0, 0.5, (len(rows), 2))
+    return campaign_of(rows, rates + np.array([off.get(run, (0.0, 0.0)) for run in rows.run.tolist()]), stated=0.5)
+
+
+@pytest.mark.parametrize("size", [12.0, 20.0])
+def test_one_run_of_three_at_every_temperature_is_another(size: float) -> None:
+    """More than a fifth of all collects, of which none is wrong: they have another bias, and that is in no mean."""
+    found = wrong_rows(made_of(dict.fromkeys((2, 5, 9), (size, 0.0)), 3))[2]
+    assert found.another == {"BA": {2, 5, 9}}
+    assert {row.done for row in found.rows} == {USED}
+
+
+def test_each_of_two_channels_is_another_in_a_run_of_its_own() -> None:
+    """What is known of one run prices the other: asked alone, noise that is larger than stated had been as probable."""
+    assert wrong_rows(made_of({2: (7.5, 0.0), 7: (0.0, -9.0)}, 3))[2].another == {"BA": {2}, "BB": {7}}
+
+
+def test_of_two_and_two_runs_that_differ_neither_is_accused_whatever_is_beside_them() -> None:
+    """The likeliest pair alone had been asked for the third, and the other pair was sound by chance."""
+    found = wrong_rows(made_of({3: (25.0, 0.0), 4: (25.0, 0.0), 9: (12.0, 0.0)}, 4))[2]
+    assert found.another == {"BA": {9}}
+    assert {row.run for row in found.rows if row.run != 9} == {1, 2, 3, 4}
