@@ -38,7 +38,7 @@ _USUAL = 0.05  # chance of noise that is no larger
 _BETTER = 6.0  # twice the log of how much likelier one of two makes what is seen, 20 times: it alone is told
 _DRIFT = 3  # order in time of what is no jump
 _SAME = 0.999  # of its square: a column that has so much of time is no other
-_UNSEEN = 1e-6  # of a column: what differs by less at any temperature explains nothing
+_UNSEEN = 1e-6  # of a column: what differs by less at any temperature, or by rounding alone, explains nothing
 _JUMP = 2  # what is fitted of a jump: its size and its place
 TIME, WAY = "time", "the way to a temperature"
 _NOTHING = 1e-12  # of the whole: what arithmetic leaves
@@ -232,7 +232,7 @@ def _drivers(number: IntArray, visit: IntArray, conditions: Conditions) -> Itera
             yield WAY, np.sign(np.diff(degC, prepend=degC[0] - first))[visit][:, None]
     for name, column in conditions.columns.items():
         shown = of_each(column)
-        if np.isfinite(shown).all() and np.ptp(shown) > 0.0:
+        if np.isfinite(shown).all() and np.ptp(shown) > _UNSEEN * np.abs(shown).max():
             yield name, (shown - shown.mean())[:, None] / np.ptp(shown)
 
 

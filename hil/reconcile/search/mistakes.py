@@ -157,6 +157,7 @@ class AsSolved:
         """Return the places of the terms that do the same: put right what it does, and leave out what it does.
 
         And with runs left out whole that it puts right or doubts: of several wrong alike no single one shows by itself.
+        Nor do several that are others by themselves: those that it doubts, as each event that there may have been.
         """
         mistakes = [(j, term.candidate) for j, term in enumerate(terms) if term.is_mistake]
         exchanged = [(j, of.columns[..., 0]) for j, of in mistakes if of.effect is not None]
@@ -176,7 +177,19 @@ class AsSolved:
                     there &= ~here
         right = {j for j, _ in exchanged}
         whole = self._whole([(j, of) for j, of in mistakes if j not in right], [terms[j] for j in chosen & right])
-        return list(dict.fromkeys(tuple(sorted(each)) for each in (chosen, whole | chosen - right) if each))
+        own = self._alone(terms)
+        return list(dict.fromkeys(tuple(sorted(each)) for each in (chosen, whole | chosen - right, *own) if each))
+
+    def _alone(self, terms: Sequence[Term]) -> list[set[int]]:
+        """Return the places of what happens in one of the runs that it doubts alone, by what that is."""
+        run, doubted = self.filed.conditions.run, {row.run for row in self.doubted}
+        out: dict[tuple[object, ...], set[int]] = {}
+        for j, term in enumerate(terms if doubted else ()):
+            if term.event is not None and not term.is_mistake:
+                moved = run[np.any(term.candidate.columns != 0.0, axis=(1, 2))]
+                if np.ptp(moved) == 0 and int(moved[0]) in doubted:
+                    out.setdefault(term.event, set()).add(j)
+        return list(out.values())
 
     def _whole(self, spoiled: Sequence[tuple[int, Candidate]], put_right: Sequence[Term]) -> set[int]:
         """Return the places of what leaves out, in a channel, each run that it puts right, or each that it doubts."""

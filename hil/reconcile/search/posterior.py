@@ -21,7 +21,7 @@ FEW = 8  # sets that each then grows into
 GROWTH = 8  # how many names each of them is tried with
 PER_NAME = 3  # shapes of one name among these: what a name's best shapes cannot do its others cannot
 WORTH = 7.0  # sets this much (log) below the best of their sensor are not combined over sensors
-EVENTS = 2  # so many, of those that explain most, are asked whether they happened again
+EVENTS = 4  # so many, of those that explain most, are asked whether they happened again
 TIMES = 4  # and so many times
 
 OTHERS = 16
@@ -99,7 +99,8 @@ def likely_sets(search: SensorSearch, *, serve: bool) -> list[Set]:
         served.add(lead)
         search.serve(lead)
         known = _alone(search, [s for s in known if known[s] > known[lead] - 2.0 * WORTH or s == ()])
-        known |= _alone(search, _further(search, lead, known))
+        fewer = [s for k in range(len(lead)) if (s := lead[:k] + lead[k + 1 :]) not in known]
+        known |= _alone(search, [*fewer, *_further(search, lead, known)])
     best = max(known.values())
     return [s for s in sorted(known, key=lambda s: -known[s]) if known[s] > best - 2.0 * WORTH or s == ()]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from hil.campaign import Campaign
 from hil.reconcile import reconcile
 from hil.solve import repeats, solve_campaign
 from hil.solve.wrong_rows import USED, wrong_rows
-from tests.hil.reconcile.hidden_effects import base_rates, campaign_of, lay_out
+from tests.hil.reconcile.hidden_effects import EIGHT, base_rates, campaign_of, lay_out
 
 FOUR = (0.0, 20.0, 40.0, 60.0)
 OF = {"jump": ("BA", "J_A", 60.0, (2, 7, 12)), "MU_jump": ("MUA", "JMUA", 17.0, (2, 6, 9))}
@@ -68,6 +69,9 @@ def test_a_run_at_an_end_of_its_temperature_is_in_no_mean_either(run: int, other
     rates = base_rates(rows, thermal=False) + rng.normal(0.0, 0.5, (len(rows), 2))
     rates[:, 0] += 20.0 * (rows.run == run) + 15.0 * (rows.run == other)
     made = campaign_of(rows, rates, stated=0.5)
+    own = made.sensors[2].conditions  # a clock that is rounded otherwise in that run is nothing to follow
+    clock = {**own.columns, "time_since_index_s": 60.4 + 1e-11 * (own.run == run)}
+    made = replace(made, sensors={2: replace(made.sensors[2], conditions=replace(own, columns=clock))})
     solved = solve_campaign(made)
     assert solved[0].between.alone["BA"] == {run, other} - {0}
     assert repeats(made, solved)[2].spread.beyond[0] < 1.0
@@ -104,3 +108,15 @@ def test_of_two_and_two_runs_that_differ_neither_is_accused_whatever_is_beside_t
     found = wrong_rows(made_of({3: (25.0, 0.0), 4: (25.0, 0.0), 9: (12.0, 0.0)}, 4))[2]
     assert found.another == {"BA": {9}}
     assert {row.run for row in found.rows if row.run != 9} == {1, 2, 3, 4}
+
+
+@pytest.mark.slow
+def test_of_few_events_among_many_runs_none_is_more_than_there_are() -> None:
+    """Grown in the noise that the others make, runs came with them that were no others, and stayed."""
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        rows = lay_out(rng, EIGHT, 3)
+        own = rng.normal(0.0, 2.0, (25, 2))[rows.run] + np.outer(60.0 * np.isin(rows.run, (5, 14, 20)), (1.0, 0.0))
+        made = campaign_of(rows, base_rates(rows, thermal=False) + own + rng.normal(0.0, 0.9, own.shape))
+        (effect,) = reconcile(made, "matrix-6", prove=False).effects
+        assert {of["when"] for of in effect.parameters} == {f"in run {run} alone" for run in (5, 14, 20)}
