@@ -134,13 +134,17 @@ def _further(search: SensorSearch, given: Set, known: Mapping[Set, float]) -> li
 
 
 def _again(search: SensorSearch, lead: Set) -> Iterator[Set]:
-    """Yield the likeliest set with what may have happened several times: alone, each is hidden by the others' noise."""
+    """Yield the likeliest set with what may have happened several times: alone, each is hidden by the others' noise.
+
+    In the order in which they leave least of all squares: in that noise none of them is larger than others by chance.
+    """
     scores = search.scan(lead) + search.log_odds
     for own in sorted(search.events.values(), key=lambda own: -scores[own].max())[:EVENTS]:
         grown = tuple(j for j in lead if j not in own)
         for _ in range(min(TIMES, len(own) // 2)):
-            beside = search.scan(grown) + search.odds_beside(grown)
-            grown = tuple(sorted((*grown, max(set(own) - {*grown}, key=lambda j: beside[j]))))
+            less = search.explained(own, grown)
+            less[np.isin(own, grown)] = -np.inf
+            grown = tuple(sorted((*grown, own[int(np.argmax(less))])))
             yield grown
 
 

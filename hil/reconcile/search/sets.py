@@ -18,6 +18,7 @@ from hil.reconcile.search.set_in_block import SetInBlock, weigh_in_block
 from hil.reconcile.search.terms import Term
 from hil.reconcile.search.tied import tied_gains
 from hil.solve.causes import made_again
+from hil.solve.identifiability import orthonormal, project_out
 
 LEADING = 18
 """Terms beside which the noise is looked at anew."""
@@ -75,6 +76,19 @@ class SensorSearch:
         """Return the columns (N, q) of a set in a block."""
         own = [p.columns for j in chosen if (p := self.terms[j].parts[b])]
         return np.hstack([np.zeros((len(self.blocks[b].y), 0)), *own])
+
+    def explained(self, places: Sequence[int], given: Set) -> FloatArray:
+        """Return the squares that terms (t,) take of what the base and a set leave, in white noise, (t,)."""
+        out = np.zeros(len(places))
+        for b, search in enumerate(self.blocks):
+            block, free = search.block, [search.block.base, self.columns(given, b)]
+            free += [block.at_each_temperature(block.values)] * search.noise.calibrated
+            basis = orthonormal(np.hstack(free))
+            left = project_out(basis, block.y[:, None])[:, 0] / float(np.mean(block.sigma))
+            for t, part in ((t, p) for t, j in enumerate(places) if (p := self.terms[j].parts[b]) is not None):
+                own = orthonormal(project_out(basis, part.columns))
+                out[t] += float(np.sum((own.T @ left) ** 2))
+        return out
 
     def forget(self) -> None:
         """Compute everything anew from now on: the terms, the data or the points of the noise are others."""
