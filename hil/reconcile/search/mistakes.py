@@ -24,6 +24,7 @@ from hil.solve.rows import Block
 from hil.solve.temperatures import runs_by_temperature
 from hil.solve.wrong_rows import MENDED, USED, Wrong, wrong_rows
 
+SEVERAL = 5  # runs that are others at once, of which it is asked in which channels they are
 NEIGHBOURS = 4  # rows to either side, in the same position, that say what a row should be
 
 
@@ -189,7 +190,7 @@ class AsSolved:
                 moved = run[np.any(term.candidate.columns != 0.0, axis=(1, 2))]
                 if np.ptp(moved) == 0 and int(moved[0]) in doubted:
                     out.setdefault(term.event, set()).add(j)
-        return list(out.values())
+        return [own for own in out.values() if len(own) <= SEVERAL]  # where more are doubted, it is no event
 
     def _whole(self, spoiled: Sequence[tuple[int, Candidate]], put_right: Sequence[Term]) -> set[int]:
         """Return the places of what leaves out, in a channel, each run that it puts right, or each that it doubts."""
