@@ -134,8 +134,8 @@ def otherwise(
     asked = what_is_wrong(campaign)["rows"]
     search, quick = (rates([row for row in of if row["done"] != USED]) for of in (rows, asked))
     known = rates(rows)
-    doubted = [row for row in asked if row["done"] == USED and not rates([row]) & known]
-    doubted = [row for row in doubted if (row["sensor"], row["run"]) not in named]
+    used = (row for row in asked if row["done"] == USED and (row["sensor"], row["run"]) not in named)
+    doubted = [row for row in used if not rates([row]) & known]
     here = "by hil solve, report, budget, thermal and visibility, which look less closely"
     unsaid = "hil solve doubts, and no row is called wrong here"
     differ: dict[tuple[str, int, tuple[int, ...]], list[str]] = {}

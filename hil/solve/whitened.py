@@ -262,7 +262,6 @@ def _scatter(
     degrees = float(degrees_of.sum())
     apart_in = [[one - other for lag in _LAGS for one, other in zip(of, of[lag:], strict=False)] for of in repeated]
     apart = [each for of in apart_in for each in of]
-    groups_of = {run: k for k, (_, of) in enumerate(groups) for run in of}
     typical = np.array([typical_scatter(name, conditions.sensor) for name in names])
     if degrees < _LEAST:
         degC = np.array([at for at, _ in groups], dtype=np.float64)
@@ -274,8 +273,8 @@ def _scatter(
         common = np.vander((degC - degC.mean()) / np.ptp(degC), order + 1).T @ common
         typical[:] = 0.0  # what is off a curve is also what the curve of a unit is off one of that order
     least = np.maximum(1.0 / np.sqrt(1.0 + degrees / _LEAST), np.median(errors, axis=0))
-    gone_to = [(groups_of[runs[0]], [values[run] for run in runs if run in values]) for _, runs in visits(conditions)]
-    of_visits = [[np.mean(of, axis=0) for at, of in gone_to if at == k and of] for k in range(len(groups))]
+    gone_to = [(degC, [values[run] for run in runs if run in values]) for degC, runs in visits(conditions)]
+    of_visits = [[np.mean(of, axis=0) for degC, of in gone_to if degC == at and of] for at, _ in groups]
     again = [one - other for of in of_visits for lag in _LAGS for one, other in zip(of, of[lag:], strict=False)]
     if len(again) > 1:  # what differs from visit to visit makes runs of one no two that were others
         least = np.maximum(least, _most_are_within(again))

@@ -145,7 +145,7 @@ class Stated(Source):
         self.model = model
 
     def columns(self, scene: Scene) -> FloatArray:
-        """Return a root of the covariance (n·c, n·c) of what it states."""
+        """Return a root of the covariance (n·c, n·c) of what it states: it is linear, and so the same in draws."""
         n, c = scene.sigma.shape
         parts = self.model.stated_scatter(scene.conditions)
         covariance = sum((part.covariance(scene.conditions) for part in parts), np.zeros((n * c, n * c)))

@@ -46,9 +46,8 @@ def next_experiment(
     if untold:  # what it does in further collects is nobody's to say
         return _the_same_again(f"separates {name} from {rival_name or 'chance'}: record {untold}", sensor)
     if rival is None:
-        once = effect is not None and effect.happens(
-            sensor.collects.conditions, leader[0].shape
-        )  # what happened at a time does not come back when asked
+        # What happened at a time does not come back when asked.
+        once = effect is not None and effect.happens(sensor.collects.conditions, leader[0].shape)
         of_it = f"by how runs scatter whether {name} was chance" if once else f"{name} again, or that it was chance"
         return _the_same_again(f"shows {of_it}", sensor)
     scored = []

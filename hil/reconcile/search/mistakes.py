@@ -24,7 +24,6 @@ from hil.solve.rows import Block
 from hil.solve.temperatures import runs_by_temperature
 from hil.solve.wrong_rows import MENDED, USED, Wrong, wrong_rows
 
-SEVERAL = 5  # runs that are others at once, of which it is asked in which channels they are
 NEIGHBOURS = 4  # rows to either side, in the same position, that say what a row should be
 
 
@@ -158,7 +157,6 @@ class AsSolved:
         """Return the places of the terms that do the same: put right what it does, and leave out what it does.
 
         And with runs left out whole that it puts right or doubts: of several wrong alike no single one shows by itself.
-        Nor do several that are others by themselves: those that it doubts, as each event that there may have been.
         """
         mistakes = [(j, term.candidate) for j, term in enumerate(terms) if term.is_mistake]
         exchanged = [(j, of.columns[..., 0]) for j, of in mistakes if of.effect is not None]
@@ -178,19 +176,7 @@ class AsSolved:
                     there &= ~here
         right = {j for j, _ in exchanged}
         whole = self._whole([(j, of) for j, of in mistakes if j not in right], [terms[j] for j in chosen & right])
-        own = self._alone(terms)
-        return list(dict.fromkeys(tuple(sorted(each)) for each in (chosen, whole | chosen - right, *own) if each))
-
-    def _alone(self, terms: Sequence[Term]) -> list[set[int]]:
-        """Return the places of what happens in one of the runs that it doubts alone, by what that is."""
-        run, doubted = self.filed.conditions.run, {row.run for row in self.doubted}
-        out: dict[tuple[object, ...], set[int]] = {}
-        for j, term in enumerate(terms if doubted else ()):
-            if term.event is not None and not term.is_mistake:
-                moved = run[np.any(term.candidate.columns != 0.0, axis=(1, 2))]
-                if np.ptp(moved) == 0 and int(moved[0]) in doubted:
-                    out.setdefault(term.event, set()).add(j)
-        return [own for own in out.values() if len(own) <= SEVERAL]  # where more are doubted, it is no event
+        return list(dict.fromkeys(tuple(sorted(each)) for each in (chosen, whole | chosen - right) if each))
 
     def _whole(self, spoiled: Sequence[tuple[int, Candidate]], put_right: Sequence[Term]) -> set[int]:
         """Return the places of what leaves out, in a channel, each run that it puts right, or each that it doubts."""

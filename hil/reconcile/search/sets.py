@@ -106,10 +106,9 @@ class SensorSearch:
     def odds_beside(self, given: Set) -> FloatArray:
         """Log prior odds of every term, (j,), beside a set: what happened once happened again more probably."""
         out = self.log_odds
-        for event, times in Counter(self.terms[j].event for j in given).items():
-            of = self.events.get(event, [])
-            if times + 1 < len(of):
-                out[of] = np.maximum(out[of], made_again(times + 1, len(of)))
+        for event, times in Counter(event for j in given if (event := self.terms[j].event) is not None).items():
+            of = self.events[event]
+            out[of] = np.maximum(out[of], self._again(event, times + 1))
         return out
 
     def priced(self, chosen: Set) -> list[float]:
@@ -119,10 +118,13 @@ class SensorSearch:
             out.append(term.log_odds)
             if term.event is not None:
                 before[term.event] += 1
-                times, places = before[term.event], len(self.events[term.event])
-                if 1 < times < places:
-                    out[-1] = max(term.log_odds, made_again(times, places))
+                out[-1] = max(term.log_odds, self._again(term.event, before[term.event]))
         return out
+
+    def _again(self, event: object, times: int) -> float:
+        """Return the log odds that an event happened once more, the `times`-th time: not everywhere, for all to share."""
+        places = len(self.events[event])
+        return made_again(times, places) if 1 < times < places else -np.inf
 
     @property
     def events(self) -> dict[object, list[int]]:
