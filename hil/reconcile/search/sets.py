@@ -122,7 +122,7 @@ class SensorSearch:
         return out
 
     def _again(self, event: object, times: int) -> float:
-        """Return the log odds that an event happened once more, the `times`-th time: not everywhere, for all to share."""
+        """Return the log odds that an event happened once more, the `times`-th time: never everywhere."""
         places = len(self.events[event])
         return made_again(times, places) if 1 < times < places else -np.inf
 
