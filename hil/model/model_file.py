@@ -314,6 +314,10 @@ def _check_term(
             names = ", ".join(units or [each.name for each in effect.parameters])
             raise InputError(f"{where}.parameters.{name}: unknown key for effect {effect.id}; it has {names}")
         _check_unit(f"{where}.parameters.{name}", curve.unit, units.get(name, usual or curve.unit))
+    own = [] if sensor is None else [*sensor.channels]
+    for channel in term.channels if own and isinstance(term, ScatterTerm) else ():
+        if channel not in own:
+            raise InputError(f"{where}.channels: there is no {channel}; the sensor has {listed(own)}")
     shapes = {shape.name: shape for shape in effect.shapes_for(sample)}
     for name, shape in shapes.items():
         if name not in term.shape and shape.default is None:

@@ -34,12 +34,21 @@ def _none(key: str) -> Any:
 
 
 class ScatterTerm(Section):
-    """One named effect that scatters averages, with the value of its size; `added` says where it came from."""
+    """One named effect that scatters averages, with the value of its size; `added` says where it came from.
+
+    `channels` are those that it scatters, without any all of the sensor.
+    """
 
     effect: Annotated[str, AfterValidator(known_by(variance_effect_by_id))]
     parameters: Mapping[str, Curve] = Field(default_factory=dict, max_length=1)
     shape: Mapping[str, FiniteFloat] = Field(default_factory=dict)
+    channels: tuple[str, ...] = ()
     added: Mapping[str, Any] = Field(default_factory=dict)
+
+    def of_unit_size(self, conditions: Conditions) -> Sequence[Scatter]:
+        """Return the independent parts of it, of unit size, in the channels that it scatters."""
+        parts = variance_effect_by_id(self.effect).scatter(conditions, self.shape)
+        return [part.within(self.channels, conditions.sensor) for part in parts]
 
     def size_at(self, temperature_degC: FloatArray) -> FloatArray:
         """Return its size at temperatures (n,), °C; raise `InputError` where one is NaN or it is negative."""
@@ -105,9 +114,11 @@ class SensorNoise(Section):
         for term, effect in self.scatter_for(conditions.sensor, slow=True):
             size = term.size_at(temperature)
             if size.any():
-                parts = effect.scatter(conditions, term.shape)
                 common = effect.id if effect.common_to_sensors else ""
-                out += [replace(part, columns=size[:, None, None] * part.columns, common=common) for part in parts]
+                out += [
+                    replace(part, columns=size[:, None, None] * part.columns, common=common)
+                    for part in term.of_unit_size(conditions)
+                ]
         return out
 
     def white(self, conditions: Conditions) -> FloatArray:

@@ -39,13 +39,13 @@ def stated(parameters: Iterable[Mapping[str, Any]]) -> Iterator[tuple[str, str, 
     What follows a recorded number by an amplitude per power of it is told by how far it moves the rate.
     """
     for each in parameters:
-        sensor = "" if each.get("sensor") is None else f" (sensor {each['sensor']})"
+        of = ", ".join([f" (sensor {each['sensor']}", *each.get("channels", ())]) + ")" if each.get("sensor") else ""
         value, se, unit = each["value"], each["se"], each["unit"]
         moves = each.get("moves_deg_per_hr")
         if moves is not None:
             value, se, unit = moves, each["moves_se_deg_per_hr"], "deg/hr from one end of these collects to the other"
         yield (
-            f"{each['name']}{', ' * ('when' in each)}{each.get('when', '')}{sensor}, {unit_in_words(unit)}",
+            f"{each['name']}{', ' * ('when' in each)}{each.get('when', '')}{of}, {unit_in_words(unit)}",
             unit_in_words(str(each.get("at") or "")),
             rounded(value, se),
         )

@@ -66,7 +66,7 @@ class Scattering:
         likely = {name: f"{title} ({percent(share)})" for name, (title, share) in found.scatters_by.items()}
         if self.named:
             values = [
-                f"{', '.join(filter(None, [s.effect.title, shape_in_words(s.shape)]))}, sensor {s.sensor}: "
+                f"{', '.join(filter(None, [s.effect.title, shape_in_words(s.shape), f'sensor {s.sensor}', *s.some]))}: "
                 f"{s.value:.3g} {unit_in_words(s.parameter.unit)} "
                 f"({s.interval['low']:.2g} … {s.interval['high']:.2g}), by all runs and channels and what is typical"
                 for s in self.sizes

@@ -118,6 +118,12 @@ class SensorRepeats:
         known = {each.temperature_degC: each for each in self.means}
         return known.get(nearest(temperature_degC, known))
 
+    @property
+    def usual(self) -> dict[str, float]:
+        """What each parameter is at the middle of its means at all temperatures, those left out that no mean knows."""
+        known = ((name, [v for each in self.means if (v := each.values.get(name))]) for name in self.names)
+        return {name: float(np.median([v.value for v in of if v.value is not None])) for name, of in known if of}
+
     def runs_of(self, mean: MeanAt, name: str) -> tuple[int, ...]:
         """Return the runs that the mean of one parameter holds: those of the mean that could tell it."""
         but = self.between.alone.get(name, ())

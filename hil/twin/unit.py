@@ -341,5 +341,5 @@ class ScatterRates:
         rows = replace(rows, start_s=start_s)
         for term, effect in self._terms:
             size = term.size_at(rows.columns["temperature_degC"][1:-1])
-            for part in effect.scatter(rows, term.shape):
+            for part in term.of_unit_size(rows):
                 yield effect, size, part

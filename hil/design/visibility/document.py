@@ -9,6 +9,7 @@ campaign_document(campaign, model)
 import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ from hil.design.visibility.promise import PROBABILITY
 from hil.files.document import picked
 from hil.files.page import filled
 from hil.model import Model, fitting_campaign, fitting_conditions
-from hil.model.effects.catalogue import EFFECTS, FORM_EFFECTS, SERIES_EFFECTS, VARIANCE_EFFECTS
+from hil.model.effects.catalogue import EFFECTS, FORM_EFFECTS, SERIES_EFFECTS, VARIANCE_EFFECTS, named
 from hil.model.effects.document import shape_in_words
 from hil.model.effects.prior import ALPHA
 from hil.solve import repeats, solve_campaign
@@ -58,18 +59,22 @@ def visibility_document(
     sigmas: Mapping[int, FloatArray] | None = None,
     as_zero: Sequence[str] = (),
     changes: Sequence[Change] = CHANGES,
+    values: Mapping[int, Mapping[str, float]] = MappingProxyType({}),
 ) -> dict[str, object]:
     """Return the document hil.visibility/1 of a campaign's or a planned sweep's conditions, by sensor.
 
     `sigmas` (n, c) are the averages' standard errors, deg/hr, and `noise` what each sensor scatters by (without:
     typical). `effects` has each effect once, as the sensor sees it that sees it best, with what cannot be told from it
     in one sensor at least (each has its own MU); `sensors` has the map of each. Parameters that were taken `as_zero`
-    show nothing, and nothing acts on them. Each of the `changes` takes further maps: without any there are none.
+    show nothing, and nothing acts on them; `values` are what others are known to be. Each of the `changes` takes
+    further maps: without any there are none.
     """
 
     def mapped(sensors: Mapping[int, Conditions], sigma: Mapping[int, FloatArray]) -> dict[int, Sights]:
-        each = ((n, rows, (noise or {}).get(n), sigma.get(n)) for n, rows in sorted(sensors.items()))
-        return {n: visibility(rows, model, level, of, len(sensors), as_zero) for n, rows, level, of in each}
+        return {
+            n: visibility(rows, model, (noise or {}).get(n), sigma.get(n), len(sensors), as_zero, values.get(n, {}))
+            for n, rows in sorted(sensors.items())
+        }
 
     maps = mapped(sensors, sigmas or {})
     alike: dict[str, set[str]] = {}
@@ -124,6 +129,7 @@ def _effect_document(sight: Sight, sights: Sights) -> dict[str, object]:
     )
     return {
         **picked(sight.effect, "id title"),
+        "found_as": named(sight.effect).id,
         "kept": round(sight.kept, 6),
         "visible": sight.visible,
         "in_sight": sight.in_sight,
@@ -212,7 +218,10 @@ def campaign_document(
         for number, each in shown.items()
         if number in used
     }
-    found = visibility_document(conditions, campaign.title, model, noise, sigmas, campaign.taken_as_zero, changes)
+    values = {number: each.usual for number, each in shown.items()}
+    found = visibility_document(
+        conditions, campaign.title, model, noise, sigmas, campaign.taken_as_zero, changes, values
+    )
     return {**found, **told}
 
 

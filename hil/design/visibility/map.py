@@ -12,6 +12,8 @@ base's parameters: that is told too.
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import compress
+from types import MappingProxyType
 
 import numpy as np
 
@@ -19,7 +21,7 @@ from hil.campaign import Conditions, FloatArray
 from hil.design.visibility.promise import Asked, Rows, Smallest, found_from
 from hil.model import Model
 from hil.model.effects.base import Base, Effect, Parameter, effect_columns
-from hil.model.effects.catalogue import askable, named, of_its_history
+from hil.model.effects.catalogue import NO_VALUES, askable, named, of_its_history
 from hil.model.effects.columns import flattened
 from hil.model.effects.prior import UNSEEN, log_in_one, name_odds, shapes_tried
 from hil.model.equation import pickoff_rates
@@ -29,7 +31,8 @@ from hil.solve.temperatures import fitted_form, law_not_told, told_parameters
 
 _VARIES_DEGC = 20.0
 _MOST_SHAPES = 12  # of those that are searched, evenly chosen: a map needs no finer search
-_TYPICAL_ROTOR = {"bias": (15.0, -10.0), "GS": (60.0, -25.0), "MU": (5.0, 5.0), "slope": (0.2, 0.85)}
+_TYPICAL_ROTOR = {"BA": 15.0, "BB": -10.0, "GSA": 60.0, "GSB": -25.0, "MUA": 5.0, "MUB": 5.0}
+_TYPICAL_SLOPE = (0.2, 0.85)
 
 
 @dataclass(frozen=True)
@@ -109,12 +112,14 @@ def visibility(
     sigma: FloatArray | None = None,
     sensors: int = 1,
     as_zero: Sequence[str] = (),
+    values: Mapping[str, float] = MappingProxyType({}),
 ) -> Sights:
     """Return what collects under these conditions can see beside a model's own parameters.
 
     Without a model it is the fullest that the collects are meant for, with temperature terms where temperature varies.
-    `sigma` (n, c) gives standard errors known for each average (NaN: not measured) instead of the noise level's.
-    Parameters that were taken `as_zero` are none of the model's: what acts through them in any run shows in none.
+    `sigma` (n, c) gives standard errors known for each average (NaN: not measured) instead of the noise level's, and
+    `values` what parameters are known to be, where a model has none. Parameters that were taken `as_zero` are none of
+    the model's: what acts through them in any run shows in none.
     """
     noise = noise or NoiseLevel()
     fitted = full = default_form(conditions)
@@ -124,8 +129,12 @@ def visibility(
     elif full.name == "matrix-6" and np.ptp(degC) > _VARIES_DEGC:
         thermal = named_form("matrix-6-thermal", conditions)
         fitted = full if law_not_told(thermal, conditions) else thermal
-    base = base_values(conditions, model)
+    base = base_values(conditions, model, values)
     asked, reasons = askable(conditions, base)
+    every_laid = [_laid(effect, conditions, base) for effect in asked]
+    acts = [any(np.any(of_shape) for of_shape in columns) for _, _, columns, _ in every_laid]
+    reasons |= {effect.id: NO_VALUES for effect, does in zip(asked, acts, strict=True) if not does}
+    asked, laid = tuple(compress(asked, acts)), [*compress(every_laid, acts)]
     if sigma is None:
         sigma = np.full((len(conditions), len(conditions.sensor.channels)), noise.collect_deg_per_hr)
     of_rotor = ((mu_columns, noise.run_mu_deg_per_hr_per_g), (gs_columns, noise.run_gs_deg_per_hr_per_g))
@@ -138,7 +147,6 @@ def visibility(
     in_each_run = np.einsum("ncp,nr->ncpr", own, of_run).reshape(*own.shape[:2], -1)
     whitened = whiten @ flattened(np.concatenate([told.columns(conditions), in_each_run], -1))
     absorbed, inverse = orthonormal(whitened), np.asarray(np.linalg.pinv(whitened, rcond=1e-9))
-    laid = [_laid(effect, conditions, base) for effect in asked]
     seen: list[list[Visible]] = []
     leaks: list[dict[str, float]] = []
     many: list[int] = []
@@ -196,18 +204,15 @@ def _unasked(
     return {name: remedy for name, remedy in of_each[0].items() if name in shared}
 
 
-def base_values(conditions: Conditions, model: Model | None) -> Base:
-    """Return the base terms that effects act on: the model's values, or typical ones of a rotor sensor (else zero)."""
+def base_values(
+    conditions: Conditions, model: Model | None, values: Mapping[str, float] = MappingProxyType({})
+) -> Base:
+    """Return the base terms that effects act on: a model's, else known `values`, typical of a rotor sensor, or zero."""
     if model is not None and model.has_values(conditions.sensor):
         return model.base_for(conditions)
-    rows, channels = len(conditions), len(conditions.sensor.channels)
-    bias, slope = np.zeros((rows, channels)), np.zeros((rows, channels))
-    k = np.zeros((rows, channels, 3))
-    if conditions.sensor.is_rotor:
-        form = named_form("matrix-6", conditions)
-        values = np.array([*_TYPICAL_ROTOR["bias"], *_TYPICAL_ROTOR["GS"], *_TYPICAL_ROTOR["MU"]])
-        bias, k = form.terms(conditions, values)
-        slope = np.broadcast_to(np.array(_TYPICAL_ROTOR["slope"]), bias.shape)
+    form, typical = default_form(conditions), _TYPICAL_ROTOR if conditions.sensor.is_rotor else {}
+    bias, k = form.terms(conditions, np.array([values.get(name, typical.get(name, 0.0)) for name in form.names]))
+    slope = np.broadcast_to(np.array(_TYPICAL_SLOPE) if conditions.sensor.is_rotor else 0.0, bias.shape)
     rates = pickoff_rates(bias, k, conditions.f_g, np.nan_to_num(conditions.w_channels_deg_per_hr))
     return Base(bias, k, rates, slope, np.zeros_like(k))
 

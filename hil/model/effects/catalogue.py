@@ -132,6 +132,9 @@ def over_temperature(effect: Effect) -> Effect:
     return next((each for each in of if each.follows == "temperature"), named(effect))
 
 
+NO_VALUES = "cannot be asked: needs values of the base model"
+
+
 def why_not(effect: Effect, conditions: Conditions, base: Base | None) -> str:
     """Say why this data cannot be asked about an effect; empty where it can."""
     if not effect.applies_to(conditions.sensor):
@@ -140,7 +143,7 @@ def why_not(effect: Effect, conditions: Conditions, base: Base | None) -> str:
     if lacking:
         return f"cannot be asked: needs {', '.join(need.replace('|', ' or ') for need in lacking)}"
     if effect.needs_base and base is None:
-        return "cannot be asked: needs values of the base model"
+        return NO_VALUES
     if effect.needs_slopes and (base is None or base.bias_slope is None or base.k_slope is None):
         return "cannot be asked: needs a base model that depends on temperature"
     if not effect.shape_grid(conditions):

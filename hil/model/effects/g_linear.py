@@ -282,7 +282,7 @@ class LinearSensitivityScatter(_AnewInEachRun):
     of = LinearSensitivity()
     rotor_only = False
     title = "Run-to-run change of the acceleration sensitivity"
-    equation = "G of run (or visit) k = G(T) + N(0, s_g)"
+    equation = "G of run (or visit) k = G(T) + N(0, s_g), of every axis of a channel"
     parameters = (Parameter("s_g", "deg/hr/g", (0.5, 5.0), {"DTG": (0.02, 0.5), "MEMS": (0.5, 20.0)}),)
     signature = "Opposite orientations of a run move oppositely, those of the next by another amount; bias stays."
     confusable_with = ("base", "arw", "g_sensitivity")

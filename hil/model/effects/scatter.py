@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hil.campaign import Conditions, FloatArray, IntArray
+from hil.campaign import Conditions, FloatArray, IntArray, Sensor
 from hil.model.effects.columns import HOUR_S, flattened, middle_hr, per_channel
 
 
@@ -28,6 +28,11 @@ class Scatter:
     walk: bool = False
     of_angle: bool = False
     common: str = ""
+
+    def within(self, channels: Collection[str], sensor: Sensor) -> Scatter:
+        """Return it in some channels of a sensor alone; in all where none is named."""
+        here = np.array([not channels or channel in channels for channel in sensor.channels])
+        return replace(self, columns=self.columns * here[:, None])
 
     @property
     def is_white(self) -> bool:

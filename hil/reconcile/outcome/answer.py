@@ -13,7 +13,8 @@ from hil.reconcile.inside import Wander
 from hil.reconcile.naming import Named, Reading
 from hil.reconcile.outcome.findings import gap_of
 from hil.reconcile.outcome.mistakes import certain, mended, outliers_found, rows_found
-from hil.reconcile.outcome.scatter import FoundScatter, found_scatter, likeliest_with, ordinary, pooled
+from hil.reconcile.outcome.ordinary import ordinary
+from hil.reconcile.outcome.scatter import FoundScatter, found_scatter, likeliest_with, pooled
 from hil.reconcile.outcome.stated import beside, not_repeated, wanders
 from hil.reconcile.outcome.values import taken_out
 from hil.reconcile.proof.held_out import HeldOut

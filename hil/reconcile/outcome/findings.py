@@ -97,7 +97,9 @@ def described(named: Named, fit: Fitted, scatter: Sequence[FoundScatter]) -> Fou
         )
     ]
     parameters += [
-        picked(f.parameter, "name unit typical") | picked(f, "value se") | {**f.interval, "at": "", "sensor": f.sensor}
+        picked(f.parameter, "name unit typical")
+        | picked(f, "value se")
+        | {**f.interval, "at": "", "sensor": f.sensor, "channels": f.some}
         for f in scatter
     ]
     shapes = {f.sensor: Shape(dict(f.shape)) for f in reversed(scatter)}

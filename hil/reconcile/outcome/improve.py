@@ -144,6 +144,7 @@ def improved(
             effect=found.effect.id,
             parameters={found.parameter.name: Constant(unit=found.parameter.unit, value=found.value, se=found.se)},
             shape=dict(found.shape),
+            channels=found.some,
             added=dict(record[found.effect.id]),
         )
         noise[found.sensor] = present.model_copy(update={"scatter": (*present.scatter, entry)})

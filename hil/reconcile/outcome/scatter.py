@@ -1,40 +1,37 @@
-"""What the averages scatter by: stated and observed, of every channel, and the effect on the scatter that was found."""
+"""The effect on the scatter that was found: how large it is, and in which channels."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-from scipy.special import chdtr, ndtri
+from scipy.special import ndtri
 
-from hil.campaign import BoolArray, FloatArray
-from hil.files.document import picked
+from hil.campaign import BoolArray, Conditions, FloatArray
 from hil.model.effects.base import Parameter, VarianceEffect
-from hil.model.effects.prior import ALPHA
-from hil.model.forms import bias_names
-from hil.reconcile.follows import repeated
+from hil.model.effects.scatter import Scatter
 from hil.reconcile.result import Disagreement
-from hil.reconcile.rivals import BEYOND
-from hil.reconcile.search.fitted import Fitted, FittedBlock
 from hil.reconcile.search.likely_noise import DEPTH
 from hil.reconcile.search.points import Kind, Points
 from hil.reconcile.search.posterior import Found, Posterior
 from hil.reconcile.search.set_in_block import SetInBlock
 from hil.reconcile.search.sets import SensorSearch, Set
-from hil.solve.repeats import SensorRepeats
-from hil.solve.uncertain import CONFIDENCE, RARE
+from hil.solve.uncertain import CONFIDENCE
+
+GRID = float(np.log(2.0))
+"""What a point of the grid of sizes stands for, in logs."""
 
 
 @dataclass(frozen=True)
 class FoundScatter:
-    """An effect on the scatter of one sensor: its parameter with value and error, and where it shows.
+    """An effect on the scatter of one sensor: its parameter with value and error, and the `channels` that show it.
 
-    A size is as uncertain upwards as downwards in its logarithm: `relative` is the deviation there.
+    Of all `there` are. A size is as uncertain upwards as downwards in its logarithm: `relative` is the deviation there.
     """
 
     effect: VarianceEffect
     sensor: int
-    channel: str
+    channels: tuple[str, ...]
+    there: tuple[str, ...]
     shape: Mapping[str, float]
     parameter: Parameter
     value: float
@@ -45,6 +42,18 @@ class FoundScatter:
     def se(self) -> float:
         """One standard deviation, in the parameter's unit."""
         return self.value * self.relative
+
+    @property
+    def some(self) -> tuple[str, ...]:
+        """The channels, where they are not all of the sensor's."""
+        return () if {*self.channels} == {*self.there} else self.channels
+
+    def parts(self, conditions: Conditions) -> list[Scatter]:
+        """Return the independent parts of what n collects scatter by it, deg/hr."""
+        of_unit_size = (
+            part.within(self.some, conditions.sensor) for part in self.effect.scatter(conditions, self.shape)
+        )
+        return [replace(part, columns=part.columns * self.value) for part in of_unit_size]
 
     @property
     def interval(self) -> dict[str, float]:
@@ -77,8 +86,9 @@ def found_scatter(posterior: Posterior, name: str) -> list[FoundScatter]:
             spread = float(np.sqrt(weight @ (np.log(sizes) - log_mean) ** 2))
             size = float(np.exp(log_mean))
             value = size / kind.unit_deg_per_hr
-            channel = list(block.noise.conditions.sensor.channels)[int(block.block.channel[0])]
-            out.append(FoundScatter(kind.effect, number, channel, kind.shape, kind.parameter, value, spread, size))
+            there = tuple(block.noise.conditions.sensor.channels)
+            here = tuple(there[c] for c in np.unique(block.block.channel))
+            out.append(FoundScatter(kind.effect, number, here, there, kind.shape, kind.parameter, value, spread, size))
     return out
 
 
@@ -154,7 +164,7 @@ def _finely(search: SensorSearch, b: int, chosen: Set, likely: Points, kinds: Bo
     )
     total = _at_points(search, b, chosen, every).terms_log + every.log_prior
     coarse = every.take(np.flatnonzero(total > total.max() - DEPTH))
-    amounts, offsets = (np.exp(_GRID * ((np.arange(n) + 0.5) / n - 0.5)) for n in _STEPS)
+    amounts, offsets = (np.exp(GRID * ((np.arange(n) + 0.5) / n - 0.5)) for n in _STEPS)
     fine = coarse.take(np.repeat(np.arange(len(coarse)), len(amounts) * len(offsets)))
     fine = replace(
         fine,
@@ -173,7 +183,6 @@ def _at_points(search: SensorSearch, b: int, chosen: Set, points: Points) -> Set
 
 
 _LEAST = 0.1  # how probable a set is beside the likeliest, for a size: less moves none by as much as its error
-_GRID = float(np.log(2.0))
 _STEPS = (8, 3)  # of an amount, and of an offset, which only stands beside it
 
 
@@ -186,112 +195,20 @@ def pooled(found: Sequence[FoundScatter]) -> list[FoundScatter]:
         value = float(np.exp(weight @ np.log([f.value for f in own]) / weight.sum()))
         size = float(np.sqrt(np.mean([f.deg_per_hr**2 for f in own])))
         relative = float(weight.sum() ** -0.5)
-        out.append(replace(own[0], channel="", value=value, relative=relative, deg_per_hr=size))
+        channels = tuple(channel for f in own for channel in f.channels)
+        out.append(replace(own[0], channels=channels, value=value, relative=relative, deg_per_hr=size))
     return out
-
-
-def ordinary(
-    fit: Fitted,
-    found: Sequence[FoundScatter],
-    models: Mapping[int, Sequence[str]],
-    shown: Mapping[int, SensorRepeats],
-) -> list[dict[str, Any]]:
-    """Return what every channel's averages scatter by, beside what their standard errors explain: key `noise`.
-
-    `models` name what the averages of each sensor scatter about: a form, and what was added to it; `shown` is what its
-    repeats show beside that.
-    """
-    sensors = [block.search.block.sensor for block in fit.blocks]
-    return [
-        channel
-        for block, number in zip(fit.blocks, sensors, strict=True)
-        for channel in _of_channels(block, found, " + ".join(models[number]), shown.get(number))
-    ]
-
-
-def _of_channels(
-    block: FittedBlock, found: Sequence[FoundScatter], model: str, shown: SensorRepeats | None
-) -> Iterator[dict[str, Any]]:
-    """Yield what the channels of a block scatter by: the mean over all that is probable with the kind that was found.
-
-    A point of the grid is a factor of two, so that one alone says little. An offset without error may be chance: where
-    it is certain that averages scatter by more, but not whether from run to run, each has what is probable of it. Where
-    no more is certain than the noise that `hil solve` knows, by residuals and repeats, a collect has that, as certainly
-    as it is told there.
-    """
-    own, rows_of, points = block.search, block.search.block, block.search.points
-    total = np.where(points.sort == points.sort[block.at], block.weighed.terms_log + points.log_prior, -np.inf)
-    left, scales = block.weighed.left, block.weighed.scales_left
-    (a, b, _), freedom = own.scales[-1], max(own.beside.freedom, 1)
-    # Errors that these rows contradict are no part of what is seen, however much larger they are.
-    scales = np.where(np.isclose(scales, (b + 0.5 * left) / (a + 0.5 * freedom)), left / freedom, scales) * own.unit**2
-    weight = np.exp(total - np.logaddexp.reduce(total))
-    runs, none = len(np.unique(rows_of.run)), float(weight[points.offset == 0.0].sum())
-    certain = none < ALPHA
-    offsets = scales * points.offset**2
-    ordinary = np.array([not kind.name for kind in own.noise.kinds], dtype=bool)
-    alone = replace(points, amount=points.amount * ordinary, offset=np.zeros(len(points)))
-    by_itself = scales[:, None] * own.noise.variance(alone)
-    more_than = (weight * scales) @ own.noise.variance(points) - weight @ by_itself
-    relative = float(np.sqrt(2.0 / own.beside.freedom)) if own.beside.freedom else np.inf  # nothing is left to know by
-    beside, errors = own.noise.stated_variance(), rows_of.sigma**2 * rows_of.sigma_stated
-    for c in np.unique(rows_of.channel):
-        rows, channel = rows_of.channel == c, list(own.noise.conditions.sensor.channels)[c]
-        # Of the usual row: one whose standard error is huge says nothing of what the others scatter by.
-        known = float(np.median(errors[rows] + beside[rows]))
-        of_rows = np.median(by_itself[:, rows], axis=1)
-        more = of_rows + offsets * (not certain)
-        mean, middle = (_likely(more, weight, known=sure) for sure in (True, False))
-        error = float(np.hypot(np.sqrt(weight @ (more - mean) ** 2), mean * relative))
-        sure = (middle - known) * mean > BEYOND * error * known  # which is as uncertain as what is seen
-        offset2, own2 = (_likely(each, weight, known=sure or certain) for each in (offsets, of_rows))
-        here = [f for f in found if (f.sensor, f.channel) == (rows_of.sensor, channel)]
-        noisier = False
-        if shown is not None and shown.noise_told and not sure:
-            usual = np.full((1, len(own.noise.conditions.sensor.channels)), np.median(rows_of.sigma[rows]))
-            own2 = float(shown.noise(usual)[0, c] ** 2 + np.median(beside[rows]))
-            noisier, error = shown.stated and bool(shown.noise_times[c] > 1.0), own2 * relative
-        offset, size = float(np.sqrt(offset2)), float(np.sqrt(max(own2 - known, 0.0)))
-        offset_se = offset * float(np.hypot(_GRID / np.sqrt(12.0), 1.0 / np.sqrt(2.0 * runs)))
-        if sure and offset > 0.0 and not certain:
-            offset_se = float(np.hypot(offset_se, 0.5 * np.sqrt(weight @ (offsets - offset2) ** 2) / offset))
-        told = (none < RARE or sure) and offset > 0.0
-        # An effect on the scatter moves some rows and others not: of what it adds, the mean over all of them.
-        seen = own2 + (np.mean(more_than[rows]) if here or sure or certain else offset2)
-        yield {
-            "sensor": rows_of.sensor,
-            "channel": channel,
-            "under": model + ", calibrated at each temperature" * block.calibrated,
-            "stated_deg_per_hr": float(np.median(rows_of.sigma[rows])) if rows_of.sigma_stated else None,
-            "explained_deg_per_hr": float(np.sqrt(known)) if rows_of.sigma_stated else None,
-            "observed_deg_per_hr": float(np.sqrt(seen)) if own.beside.freedom else None,
-            "run_offset_deg_per_hr": offset if told or repeated([own.noise.conditions]) else None,
-            "run_offset_se_deg_per_hr": offset_se if told else None,
-            "collect_to_collect_deg_per_hr": size if own.beside.freedom else None,
-            "collect_to_collect_se_deg_per_hr": 0.5 * error / size if (sure or noisier) and size > 0.0 else None,
-            "scatter": [{"id": f.effect.id, "deg_per_hr": f.deg_per_hr} for f in here],
-            **_of_repeats(shown, bias_names(own.noise.conditions.sensor)[c], offset if told else 0.0),
-        }
-
-
-def _of_repeats(shown: SensorRepeats | None, bias: str, offset_deg_per_hr: float) -> dict[str, float]:
-    """Return how seldom a bias that has an offset of each run differs so little between runs of one temperature."""
-    place = list(shown.names).index(bias) if shown is not None and bias in shown.names else -1
-    if shown is None or place < 0 or not offset_deg_per_hr or not (free := float(shown.spread.degrees[place])):
-        return {}
-    return {"repeats_p_value": float(chdtr(free, free * (shown.spread.observed[place] / offset_deg_per_hr) ** 2))}
-
-
-def _likely(variances: FloatArray, weight: FloatArray, *, known: bool) -> float:
-    """Return the mean of variances (t,) at the points; the middle where they are not known: few runs allow any size."""
-    order = np.argsort(variances)
-    middle = order[np.searchsorted(np.cumsum(weight[order]), 0.5 * weight.sum())]
-    return float(weight @ variances if known else variances[middle])
 
 
 def places(found: Sequence[FoundScatter], chance: float) -> list[Disagreement]:
     """Return the channels that an effect scatters, with by how much."""
-    where = [picked(f, "sensor channel") | {"of": "scatter", "effect": f.effect.id} for f in found]
     return [
-        Disagreement(at, f.deg_per_hr, f.deg_per_hr * f.relative, chance) for at, f in zip(where, found, strict=True)
+        Disagreement(
+            {"sensor": f.sensor, "channel": channel, "of": "scatter", "effect": f.effect.id},
+            f.deg_per_hr,
+            f.deg_per_hr * f.relative,
+            chance,
+        )
+        for f in found
+        for channel in f.channels
     ]

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from hil.campaign import BoolArray, Campaign, Conditions
+from hil.campaign import BoolArray, Campaign, Conditions, FloatArray
 from hil.campaign.data import known_mean
 from hil.campaign.stand_ins import OWN, temperature_of
 from hil.model import Model
@@ -51,7 +51,8 @@ def before_and_after(
     out = []
     for number in sorted({candidate.sensor for candidate, _ in terms}):
         sensor, conditions = sensors[number], _steady(sensors[number].collects.conditions)
-        form, rates, acting, parted = default_form(conditions), [], set[Effect](), set[int]()
+        form, rates, acting, parted = default_form(conditions), list[FloatArray](), set[Effect](), set[int]()
+        by_itself = list[FloatArray]()
         changed = set[int]()
         for model, found in ((before, ()), (after, terms)):
             curves = base_curves(sensor, found, number in calibrated)
@@ -68,18 +69,26 @@ def before_and_after(
             acting |= {effect for _, of in own for effect in of}
             parted |= {run for term, (effect, *_) in own for run in effect.begins_within(term.shape)}
             changed |= {int(term.shape[_FROM]) for term, _ in own if _FROM in term.shape}
-            changes = {"form": sensor.form.name, "sensors": {number: curves}, "terms": tuple(term for term, _ in own)}
-            rates.append(model.model_copy(update=changes).rates(conditions) - conditions.w_channels_deg_per_hr)
-        rows = []
+            changes = {"form": sensor.form.name, "sensors": {number: curves}}
+            alone, *with_one, whole = (
+                model.model_copy(update={**changes, "terms": some}).rates(conditions) - conditions.w_channels_deg_per_hr
+                for some in ((), *((term,) for term, _ in own), tuple(term for term, _ in own))
+            )
+            rates.append(whole)
+            by_itself = [each - alone for each in with_one]
+        rows, made = [], []
         for degC, run, here in _places(conditions, parted, changed, runs=any(effect.lasts for effect in acting)):
             of_all = form.columns(conditions.rows(here)).reshape(-1, len(form.names))
-            told = [solve(of_all, of[here].reshape(-1), 1.0, rank_tolerance=OBSERVABLE).values for of in rates]
-            was, now = (values.round(_DIGITS) + 0.0 for values in told)
+            every = (*rates, *by_itself)
+            told = [solve(of_all, of[here].reshape(-1), 1.0, rank_tolerance=OBSERVABLE).values for of in every]
+            was, now = (values.round(_DIGITS) + 0.0 for values in told[:2])
             rows.append((degC, run, was, now))
-        change = np.max([np.nan_to_num(np.abs(now - was)) for *_, was, now in rows], axis=0, initial=0.0)
+            made.append([now - was, *told[2:]])
+        change = np.max(np.nan_to_num(np.abs(made)), axis=0, initial=0.0)  # by all together, and by each term
         units = np.array(form.units)
-        most = np.array([np.max(change[units == unit]) for unit in units])
-        for p in np.flatnonzero((change > _CHANGED * most) & (change > _SLIGHTLY * np.max(change))):
+        most = np.array([np.max(change[:, units == unit], axis=1) for unit in units]).T
+        told_of = (change > _CHANGED * most) & (change > _SLIGHTLY * np.max(change, axis=1, keepdims=True))
+        for p in np.flatnonzero(told_of.any(axis=0)):
             said = {(degC, float(was[p]), float(now[p])): run for degC, run, was, now in rows}
             same = len({(was, now) for _, was, now in said}) == 1
             stays = len(said) == len({degC for degC, *_ in said})
@@ -148,7 +157,6 @@ def taken_out(
         collects = replace(sensor.collects, rates_deg_per_hr=sensor.collects.rates_deg_per_hr - made)
         parts = [*problem.model.stated_scatter(collects.conditions)]
         for found in (each for each in scatter if each.sensor == number):
-            of_unit_size = found.effect.scatter(collects.conditions, found.shape)
-            parts += [replace(part, columns=part.columns * found.value) for part in of_unit_size]
+            parts += found.parts(collects.conditions)
         laid[number] = with_scatter(collects, parts)
     return replace(problem.campaign, sensors=laid, exchanged={})
