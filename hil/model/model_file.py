@@ -314,7 +314,7 @@ def _check_term(
             names = ", ".join(units or [each.name for each in effect.parameters])
             raise InputError(f"{where}.parameters.{name}: unknown key for effect {effect.id}; it has {names}")
         _check_unit(f"{where}.parameters.{name}", curve.unit, units.get(name, usual or curve.unit))
-    own = [] if sensor is None else [*sensor.channels]
+    own = [*sensor.channels] if sensor is not None and exact else []
     for channel in term.channels if own and isinstance(term, ScatterTerm) else ():
         if channel not in own:
             raise InputError(f"{where}.channels: there is no {channel}; the sensor has {listed(own)}")

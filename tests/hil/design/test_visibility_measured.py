@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from hil.campaign import Campaign, Collects
-from hil.design.visibility.document import campaign_document, visibility_text
+from hil.design.visibility.document import campaign_document, visibility_document, visibility_text
 from hil.design.visibility.map import NoiseLevel
 from hil.model import Model, built_in_model
-from hil.model.forms import gs_columns
-from tests.hil.model.effect_conditions import campaign, of_each_position
+from hil.model.forms import default_form, gs_columns
+from tests.hil.model.effect_conditions import campaign, of_each_position, triad_poses
 from tests.hil.solve.runs_of_a_unit import campaign as runs_at_their_temperatures
 from tests.hil.solve.runs_of_a_unit import repeated, up_and_down, with_rates
 
@@ -33,6 +33,11 @@ def test_a_campaign_is_mapped_with_its_own_errors_and_gaps() -> None:
     unstated = Campaign("t", "s", {2: Collects(conditions, rates, np.full_like(rates, np.nan))})
     assumed = Campaign("t", "s", {2: Collects(conditions, rates, np.full_like(rates, NoiseLevel().collect_deg_per_hr))})
     assert smallest(unstated, matrix_6, "GS_T") == pytest.approx(smallest(assumed, matrix_6, "GS_T"))
+
+
+def mapped(one: Campaign) -> Any:
+    """Return the effects that can be asked about in a campaign."""
+    return campaign_document(one, changes=())["effects"]
 
 
 def smallest(one: Campaign, model: Model, name: str) -> float:
@@ -143,3 +148,16 @@ def test_a_size_that_nobody_has_seen_is_not_seen_in_these_collects() -> None:
         if effect["visible"] and (not effect["in_sight"]):
             assert (effect["id"] in named) == (easiest is None or easiest > 10.0 * most)
             assert (f"\n  {effect['id']} " in text) == (effect["id"] not in named)
+
+
+def test_what_acts_on_values_is_asked_with_those_that_the_night_shows() -> None:
+    """A triad's G that grows in proportion was "taken up by the model" in a night in which reconcile found it."""
+    conditions = triad_poses()
+    form = default_form(conditions)
+    values = np.array([4.0 if name in ("GXX", "GYY", "GZZ") else 0.0 for name in form.names])
+    rates = form.columns(conditions) @ values + np.random.default_rng(1).normal(0.0, 0.1, (len(conditions), 3))
+    night = Campaign("t", "s", {1: Collects(conditions, rates, np.full_like(rates, 0.1))})
+    (gain,) = (each for each in mapped(night) if each["id"] == "g_gain")
+    assert (gain["visible"], gain["found_as"]) == (True, "g_sensitivity")
+    planned: Any = visibility_document({1: conditions}, "planned", changes=())["sensors"]
+    assert "needs values" in planned["1"]["cannot_be_asked"]["g_gain"]

@@ -48,6 +48,14 @@ def test_what_the_older_keys_say_is_what_the_catalogue_says(tmp_path: Path) -> N
     assert stated(tmp_path, scatter=[RESEATS]) == pytest.approx(3.8**2 * mu)
 
 
+def test_what_scatters_one_channel_scatters_no_other(tmp_path: Path) -> None:
+    """The channels that are named; without any all of the sensor."""
+    whole, some = (stated(tmp_path, scatter=[{**RESEATS, **of}]) for of in ({}, {"channels": ["RB"]}))
+    assert some[1::2, 1::2] == pytest.approx(whole[1::2, 1::2])
+    assert whole[::2].any()
+    assert not some[::2].any()
+
+
 def test_correlated_parameters_scatter_together(tmp_path: Path) -> None:
     """BA and MUB move channel A: in position 3 (fS = -1) what they share is taken away, at no other it shows."""
     sigmas = {"BA": {"unit": "deg/hr", "value": 2.0}, "MUB": {"unit": "deg/hr/g", "value": 3.0}}
@@ -177,6 +185,8 @@ def test_names_and_units_that_the_layout_gives_are_checked_once_it_is_known(
         fitting(path, [ROTOR])
     with pytest.raises(InputError, match="it is not a two-channel rotor sensor"):
         fitting(model(tmp_path), [TRIAD])
+    with pytest.raises(InputError, match=r"noise\.2\.scatter\.0\.channels: there is no GX; the sensor has RA and RB"):
+        fitting(stating(tmp_path, scatter=[{**RESEATS, "channels": ["GX"]}]), [ROTOR])
 
 
 def test_an_effect_that_a_sensor_cannot_have_is_refused_where_it_is_meant_for_that_sensor(tmp_path: Path) -> None:

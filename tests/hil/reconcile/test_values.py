@@ -69,6 +69,19 @@ def test_a_step_inside_a_run_is_no_other_parameter_of_that_run() -> None:
         assert {(each["name"], each["run"]): round(each["after"], 3) + 0.0 for each in found} == {**told, **others}
 
 
+def test_what_changes_little_beside_a_large_jump_is_told_too() -> None:
+    """GSB had stood in no line where MU of the same unit had jumped by 60: by each effect what it changes."""
+    night = rotor_night(np.random.default_rng(3), {}, temperatures_degC=(0.0, 20.0, 40.0), run_to_run={}, white=1e-6)
+    problem = pose(night, load_model("matrix-6"), [effect_by_id("GS_T"), effect_by_id("MU_jump")])
+    shape = {"from_run": 2.0, "runs_held": 1.0}
+    jump = next(c for c in problem.candidates if c.name == "MU_jump" and shape.items() <= dict(c.shape).items())
+    law = next(c for c in problem.candidates if c.name == "GS_T")
+    terms = [(jump, {0: (60.0, 0.1)}), (law, {0: (0.1, 0.01)})]
+    after = improved(problem.model, problem.sensors, terms, [], {"MU_jump": {}, "GS_T": {}}, frozenset())
+    found = before_and_after(problem.model, after, problem.sensors, terms, frozenset(), {})
+    assert {each["name"] for each in found} == {"MUA", "GSA"}
+
+
 def test_what_goes_on_changing_with_time_is_said_in_the_first_and_the_last_run() -> None:
     """BA was 19.9, at a time six hours before the first of runs that rose from 24.6 to 72.8."""
     night = rotor_night(np.random.default_rng(4), {}, temperatures_degC=(25.0,), runs=9, run_to_run={}, white=1e-6)

@@ -28,3 +28,6 @@ def test_it_is_told_whose_mu_is_another(of_visit: float) -> None:
     assert result.model_after is not None
     (written,) = result.model_after.noise[2].scatter
     assert written.shape == {"of_visit": of_visit}
+    assert (written.channels, found.parameters[0]["channels"]) == (("RB",), ("RB",))
+    (part,) = result.model_after.stated_scatter(campaign_of(rows, rates).sensors[2].conditions)
+    assert (np.abs(part.columns).max(axis=(0, 2)) > 0.0).tolist() == [False, True]  # MUA alone scatters, not MUB
