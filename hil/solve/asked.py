@@ -83,10 +83,10 @@ class Asked:
             told.append((log_odds + log_whole, nothing, found))
         whole = logsumexp([log for log, *_ in told])
         weighed = [(float(np.exp(log - whole)), nothing, found) for log, nothing, found in told]
-        every: dict[tuple[object, ...], list[tuple[float, tuple[Cause, ...]]]] = {}
+        every: dict[frozenset[object], list[tuple[float, tuple[Cause, ...]]]] = {}
         for weight, _, found in weighed:
             for causes, p in found:
-                same = tuple((each.what, each.run, each.rows, each.channels) for each in causes)
+                same = frozenset((each.what, each.run, each.rows, each.channels) for each in causes)
                 every.setdefault(same, []).append((weight * p, causes))
         likely = [(max(of, key=lambda each: each[0])[1], sum(p for p, _ in of)) for of in every.values()]
         nothing = sum(weight * own for weight, own, _ in weighed)

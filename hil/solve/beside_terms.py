@@ -24,6 +24,7 @@ from hil.solve.repeats import Grouping, SensorRepeats, repeats
 from hil.solve.residuals import Changes, changes
 from hil.solve.runs import RunSolution, solve_campaign
 from hil.solve.temperatures import runs_by_temperature
+from hil.solve.wrong_rows import wrong_rows
 
 _NOTHING = 1e-6  # deg/hr, at 1 g: less is what arithmetic leaves
 
@@ -87,7 +88,7 @@ def beside(campaign: Campaign, model: Model) -> Campaign:
     the data lacks, or the model has no values for a sensor on which it has a term.
     """
     asked = {number: rows.conditions for number, rows in with_stand_ins(campaign).sensors.items()}
-    sensors, run_scatter = {}, {}
+    sensors, run_scatter, terms = {}, {}, {}
     for number, rows in campaign.sensors.items():
         parts = model.stated_scatter(asked[number])
         if model.terms_for(rows.conditions.sensor):
@@ -96,11 +97,21 @@ def beside(campaign: Campaign, model: Model) -> Campaign:
                     f"model {model.title}: it has named terms but no values for sensor {number}; its terms cannot be "
                     "taken off the rates"
                 )
-            terms = model.rates(asked[number]) - model.base_for(asked[number]).rates
-            rows = replace(rows, rates_deg_per_hr=rows.rates_deg_per_hr - terms)
+            terms[number] = model.rates(asked[number]) - model.base_for(asked[number]).rates
         sensors[number] = with_scatter(with_white_noise_of(model, rows, asked[number]), parts)
         run_scatter[number] = scatter_of_runs(asked[number], parts)
-    return replace(campaign, sensors=sensors, run_scatter=run_scatter)
+    noisy = replace(campaign, sensors=sensors, run_scatter=run_scatter)
+    wrong = wrong_rows(_less(noisy, terms)) if terms else {}  # terms act where rates belong, wherever they are filed
+    return _less(noisy, {number: wrong[number].as_filed(of) for number, of in terms.items()})
+
+
+def _less(campaign: Campaign, rates: Mapping[int, FloatArray]) -> Campaign:
+    """Return the campaign less rates (n, c) of some sensors."""
+    laid = {
+        number: replace(rows, rates_deg_per_hr=rows.rates_deg_per_hr - rates.get(number, 0.0))
+        for number, rows in campaign.sensors.items()
+    }
+    return replace(campaign, sensors=laid)
 
 
 def with_white_noise_of(model: Model, rows: Collects, conditions: Conditions) -> Collects:

@@ -54,9 +54,13 @@ class Whitened:
     """
 
     def __init__(self, collects: Collects, apart: Collection[tuple[int, str]] = ()) -> None:
-        self._lay(collects, apart, np.ones(collects.rates_deg_per_hr.shape))
-        if np.any((level := self._noisier()) > 1.0):  # what is noisier tells less, whatever its errors say
-            self._lay(collects, apart, level)
+        as_stated = np.ones(collects.rates_deg_per_hr.shape)
+        self._lay(collects, apart, as_stated)
+        if np.any(self._noisier_channel() > 1.0):  # than what a bias or MU of a run's own makes of it
+            self._lay(collects, [*product(collects.conditions.of_each_run, ("B", "MU"))], as_stated)
+            self._lay(collects, apart, as_stated * self._noisier_channel())
+        if np.any((level := self._noisier_temperature()) > 1.0):  # what is noisier tells less, whatever its errors say
+            self._lay(collects, apart, self._level * level)
 
     def _lay(self, collects: Collects, apart: Collection[tuple[int, str]], level: FloatArray) -> None:
         conditions, rates, se = collects.conditions, collects.rates_deg_per_hr, collects.rates_se_deg_per_hr
@@ -132,24 +136,27 @@ class Whitened:
             free = [sum(each._freedom_of[run] for run in there) for each in (self, out)]
             yield odds - 0.5 * sum(free) * float(np.log(times)), out
 
-    def _noisier(self) -> FloatArray:
-        """Return how many times noisier than the quietest channel, and than is usual at its temperature, rates are.
+    @property
+    def _least(self) -> float:
+        """The size below which nothing is quiet: that of standard errors as they are stated, 0 where none are."""
+        freedom = max(self.freedom, 0.0)
+        return float(np.sqrt(0.5 * freedom / max(int(self.known.sum()), 1)) / _SIGMA) if self.stated else 0.0
 
-        That is (n, c), and 1 where few rates tell, or hardly. None is quieter than its standard errors say, where these
-        are stated.
-        """
-        freedom, known = max(self.freedom, 0.0), self.known
-        left, every = np.abs(self._left), max(int(known.sum()), 1)
-        least = np.sqrt(0.5 * freedom / every) / _SIGMA if self.stated else 0.0
-        size = np.array([_usual(left[:, c][known[:, c]]) for c in range(known.shape[1])])
-        quietest = max(float(np.min(size[size > 0.0], initial=np.inf)), least)
-        of_channel = _noisier(size / quietest, np.full(len(size), freedom / len(size)))
-        at = self._at[:, :, None] & known
-        size = np.array([_usual((left / of_channel)[here]) for here in at])
-        of_temperature = _noisier(
-            size / max(float(np.median(size)), least, _APART), freedom * at.sum(axis=(1, 2)) / every
-        )
-        return np.asarray(of_channel * np.max(np.where(self._at, of_temperature[:, None], 1.0), axis=0)[:, None])
+    def _noisier_channel(self) -> FloatArray:
+        """Return how many times noisier than the quietest each channel is, (c,): 1 where few rates tell, or hardly."""
+        left, freedom = np.abs(self._left), max(self.freedom, 0.0)
+        size = np.array([_usual(left[:, c][self.known[:, c]]) for c in range(self.known.shape[1])])
+        quietest = max(float(np.min(size[size > 0.0], initial=np.inf)), self._least)
+        return _noisier(size / quietest, np.full(len(size), freedom / len(size)))
+
+    def _noisier_temperature(self) -> FloatArray:
+        """Return how many times noisier than is usual rates are at their temperature, (n, 1), likewise."""
+        left, at = np.abs(self._left), self._at[:, :, None] & self.known
+        size = np.array([_usual(left[here]) for here in at])
+        usual = max(float(np.median(size)), self._least, _APART)
+        share = at.sum(axis=(1, 2)) / max(int(self.known.sum()), 1)
+        level = _noisier(size / usual, max(self.freedom, 0.0) * share)
+        return np.asarray(np.max(np.where(self._at, level[:, None], 1.0), axis=0)[:, None])
 
     def of(self, run: int) -> tuple[FloatArray, FloatArray]:
         """Return what squares (k·c, k·c) and products (k·c,) of changes to a run's rates, in standard errors, add."""

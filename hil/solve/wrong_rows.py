@@ -17,7 +17,7 @@ from typing import Any, Self
 import numpy as np
 from scipy.special import chdtrc
 
-from hil.campaign import Campaign, Collects
+from hil.campaign import Campaign, Collects, FloatArray
 from hil.campaign.laws import FIXTURE_G, from_the_usual_g
 from hil.campaign.plausibility import accelerations_g, clipped, unclipped
 from hil.model.forms import default_form
@@ -94,7 +94,7 @@ class WrongRows:
     by less does not show; None among more. `may_be` are two that explain best what is not certain, and `likeliest` the
     collects without that, too: nothing is solved by them, a search starts there. `other` is what another sensor shows.
     `off_deg_per_hr` is how far each rate that is left out is from what all others show, by run, collect and channel.
-    `another` are by parameter the runs of which the bias or MU was another.
+    `another` are by parameter the runs of which the bias or MU was another, `mends` what puts rates where they belong.
     """
 
     collects: Collects
@@ -108,6 +108,13 @@ class WrongRows:
     other: OtherSensor | None
     off_deg_per_hr: Mapping[tuple[int, int, str], float]
     another: Mapping[str, frozenset[int]]
+    mends: Sequence[Cause] = ()
+
+    def as_filed(self, rates: FloatArray) -> FloatArray:
+        """Return rates (n, c) that are known where they belong as they would have been filed, mistakes included."""
+        for cause in reversed(self.mends):  # each of which undoes itself
+            rates = mended(replace(self.collects, rates_deg_per_hr=rates), cause).rates_deg_per_hr
+        return rates
 
 
 def wrong_rows(campaign: Campaign) -> dict[int, WrongRows]:
@@ -172,6 +179,8 @@ def _told(together: Together, k: int, known: Sequence[Wrong], failed: Set[int]) 
         likeliest = mended(likeliest, cause)
     alone, seen_from = beyond_others(collects, {*failed, *(run for each in found for run in each.used)})
     off = {at: by for each in found if each.leaves_out and each.likeliest for at, by in _off(filed, each.likeliest)}
+    mends = [causes[k] for causes, _ in together.exchanged if k in causes]
+    mends += [c for each in found if (c := each.likeliest) and c.what not in _DONE and not c.instead]
     another: dict[str, frozenset[int]] = {}
     for cause in (each.likeliest for each in found if each.likeliest and each.likeliest.what in OWN):
         for name in _of_its_own(filed, cause):
@@ -188,6 +197,7 @@ def _told(together: Together, k: int, known: Sequence[Wrong], failed: Set[int]) 
         other=other,
         off_deg_per_hr=off,
         another=another,
+        mends=mends,
     )
 
 

@@ -26,7 +26,7 @@ from hil.reconcile.search.candidates import Candidate
 from hil.reconcile.search.fitted import Fitted, Values, fitted
 from hil.reconcile.search.noise import FEWEST_RUNS
 from hil.reconcile.search.problem import SensorProblem
-from hil.reconcile.search.terms import NO_NAME, Term
+from hil.reconcile.search.terms import NO_NAME
 from procedures.words import listed
 
 FEWEST_REPEATS = 30  # degrees of freedom from which repeats measure the noise to an eighth
@@ -257,16 +257,13 @@ def picture(fit: Fitted, before: Fitted, proof: HeldOut | None) -> dict[str, Any
     return {"rows": rows, "minutes_per_collect": float(np.median(minutes)) if minutes else None}
 
 
-def as_it_stands(model: Model, campaign: Campaign, mistakes: Sequence[Term], fit: Fitted) -> dict[str, Any] | None:
-    """How far rates, labels put right, are from a model's values, and by its noise would be; None for a built-in."""
+def as_it_stands(model: Model, sensors: Mapping[int, SensorProblem], fit: Fitted) -> dict[str, Any] | None:
+    """How far rates that are right are from a model's values, and by its noise would be; None for a built-in."""
     squares, rows, worst = 0.0, 0, 0.0
-    for number, collects in campaign.sensors.items():
+    for collects in (sensor.collects for sensor in sensors.values()):
         if not model.has_values(collects.conditions.sensor):
             return None
         error = collects.rates_deg_per_hr - model.rates(collects.conditions)
-        for term in mistakes:
-            if term.candidate.sensor == number and term.candidate.effect is not None:
-                error = error - term.candidate.columns[:, :, 0]
         error = error[np.isfinite(error)]
         squares, rows = squares + float(error @ error), rows + len(error)
         worst = max(worst, float(np.abs(error).max(initial=0.0)))

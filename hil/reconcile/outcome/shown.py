@@ -51,7 +51,7 @@ def shown(campaign: Campaign, found: Answer) -> Reconciliation:
         str(verdict): sorted(run for run in there & asked.verdicts.keys() if asked.verdicts[run].verdict is verdict)
         for verdict in NOT_GOOD
     }
-    standing = findings.as_it_stands(found.problem.model, found.problem.campaign, reading.mistakes, fit)
+    standing = findings.as_it_stands(found.problem.model, found.sensors, fit)
     notes = [*found.problem.campaign.warnings, *in_words(beside), *found.problem.notes]
     notes += in_words({"rows": found.rows}, searched=True)
     notes += findings.laws_that_fail(fit, found.problem.sensors)

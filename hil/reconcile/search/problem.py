@@ -10,6 +10,7 @@ again.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from types import MappingProxyType
 
 import numpy as np
 
@@ -27,6 +28,7 @@ from hil.solve.identifiability import kept_shares, orthonormal, smallest_fit
 from hil.solve.precision import with_every_error
 from hil.solve.rows import Block, sensor_blocks
 from hil.solve.temperatures import NOT_SETTLED, fitted_form, same_temperature, unsettled, why_unsettled
+from hil.solve.wrong_rows import wrong_rows
 from procedures.words import counted
 
 LEAST_FREEDOM = 1  # rows of a block beyond the values of its base, from which on anything can be tested
@@ -38,11 +40,13 @@ _BEYOND_DOUBT = 12.0  # log likelihood
 class SensorProblem:
     """One sensor: its collects, the form that is fitted, the fitted values (p,), and the base at each row.
 
-    `given` is the model whose own values follow temperature: they stand, and what is fitted is a correction to them.
+    Base and values are those of `right` (n, c), rates as far as they are where they belong. `given` is the model whose
+    own values follow temperature: they stand, and what is fitted is a correction to them.
     """
 
     number: int
     collects: Collects
+    right: FloatArray
     form: LinearForm
     values: FloatArray
     base: Base
@@ -69,7 +73,7 @@ class SensorProblem:
             return self.base
         conditions = self.collects.conditions
         plain = np.concatenate([self.form.columns(conditions), self.term_columns], axis=2)
-        rates, stated = self.collects.rates_deg_per_hr - self.known_rates(), self.collects.rates_se_deg_per_hr
+        rates, stated = self.right - self.known_rates(), self.collects.rates_se_deg_per_hr
         alone = _misfit(plain, rates, fit_to(rates, plain, stated))
         columns, measured = effect_columns(effect, conditions, self.base, shape), np.isfinite(rates)
         kept = kept_shares(orthonormal(plain[measured]), columns[measured]) > UNSEEN  # the rest is the base's to do
@@ -139,7 +143,9 @@ def pose(campaign: Campaign, model: Model, catalogue: Sequence[Effect]) -> Probl
     blocks: list[Block] = []
     candidates: list[Candidate] = []
     notes: list[str] = []
-    sensors = fitted_sensors(campaign, model)
+    # What acts on the base acts on that of rates which are where they belong.
+    right = {number: of.likeliest.rates_deg_per_hr for number, of in wrong_rows(campaign).items()}
+    sensors = fitted_sensors(campaign, model, right)
     for number, sensor in sensors.items():
         columns = np.concatenate([sensor.form.columns(sensor.collects.conditions), sensor.term_columns], axis=2)
         blocks += sensor_blocks(number, sensor.collects, sensor.known_rates(), columns)
@@ -164,13 +170,21 @@ def _made(candidate: Candidate, sensor: SensorProblem) -> FloatArray:
     return candidate.rebuilt(sensor.collects.conditions, base)
 
 
-def fitted_sensors(campaign: Campaign, model: Model) -> dict[int, SensorProblem]:
-    """Fit the model's form to every sensor, or its own to one of another kind; raises `InputError` if none fits."""
+def fitted_sensors(
+    campaign: Campaign, model: Model, right: Mapping[int, FloatArray] = MappingProxyType({})
+) -> dict[int, SensorProblem]:
+    """Fit the model's form to every sensor, or its own to one of another kind; raises `InputError` if none fits.
+
+    To the rates (n, c) that are `right`, where these are not as filed.
+    """
     every = {
         number: with_white_noise_of(model, with_every_error(rows), rows.conditions)
         for number, rows in with_stand_ins(campaign).sensors.items()
     }
-    return {n: _sensor(n, collects, model, fitted_form(model, collects.conditions)) for n, collects in every.items()}
+    return {
+        n: _sensor(collects, right.get(n, collects.rates_deg_per_hr), model, fitted_form(model, collects.conditions))
+        for n, collects in every.items()
+    }
 
 
 def _starved(block: Block, collects: Collects) -> str:
@@ -182,8 +196,8 @@ def _starved(block: Block, collects: Collects) -> str:
     )
 
 
-def _sensor(number: int, collects: Collects, model: Model, form: LinearForm) -> SensorProblem:
-    conditions = collects.conditions
+def _sensor(collects: Collects, right: FloatArray, model: Model, form: LinearForm) -> SensorProblem:
+    conditions, number = collects.conditions, collects.conditions.sensor.number
     temperature, curves = conditions.columns.get("temperature_degC"), model.sensors.get(number, {}).values()
     known = temperature is not None and bool(np.all(np.isfinite(temperature)))
     # Values that follow temperature in a way that the form does not refit stand.
@@ -191,14 +205,14 @@ def _sensor(number: int, collects: Collects, model: Model, form: LinearForm) -> 
     given = model if stand else None
     columns = form.columns(conditions)
     fixed = conditions.w_channels_deg_per_hr if given is None else given.base_for(conditions).rates
-    rates = collects.rates_deg_per_hr - fixed
+    rates = right - fixed
     terms = columns[:, :, :0]
     for _ in range(2):  # terms are what they are beside the base, and the base is what it is beside them
         joint = fit_to(rates, np.concatenate([columns, terms], axis=2), collects.rates_se_deg_per_hr)
         values = joint[: columns.shape[2]]
         base = _base(form, conditions, values, given)
         terms = _term_columns(model, conditions, base)
-    return SensorProblem(number, collects, form, values, base, terms, given)
+    return SensorProblem(number, collects, right, form, values, base, terms, given)
 
 
 def _base(form: LinearForm, conditions: Conditions, values: FloatArray, given: Model | None) -> Base:
