@@ -101,7 +101,10 @@ def beside(campaign: Campaign, model: Model) -> Campaign:
         sensors[number] = with_scatter(with_white_noise_of(model, rows, asked[number]), parts)
         run_scatter[number] = scatter_of_runs(asked[number], parts)
     noisy = replace(campaign, sensors=sensors, run_scatter=run_scatter)
-    wrong = wrong_rows(_less(noisy, terms)) if terms else {}  # terms act where rates belong, wherever they are filed
+    # Terms act where rates belong, wherever they are filed: what is large enough hides that, in what is taken off.
+    wrong = wrong_rows(_less(noisy, terms)) if terms else {}
+    for number in [n for n in terms if wrong[n].rows and not wrong[n].mends]:
+        wrong[number] = wrong_rows(noisy)[number]
     return _less(noisy, {number: wrong[number].as_filed(of) for number, of in terms.items()})
 
 

@@ -18,6 +18,7 @@ from hil.design.visibility.document import campaign_document, sweep_document, vi
 from hil.design.visibility.map import NoiseLevel
 from hil.errors import InputError
 from hil.model import Model, load_model
+from hil.model.curve import Constant
 from hil.reconcile.search.problem import fitted_sensors
 from hil.solve import repeats, solve_campaign
 from hil.solve.beside_terms import beside, solve_beside
@@ -108,6 +109,26 @@ def test_a_term_that_follows_temperature_takes_what_stands_in_for_it(tmp_path: P
         assert before is not None
         assert ba == pytest.approx(before - 2.0 * (at - 25.0), abs=0.5)
     assert "temperature_degC" not in one.sensors[2].conditions.columns
+
+
+def test_a_term_is_taken_off_where_the_rates_belong(tmp_path: Path) -> None:
+    """Exchanged labels are mended afterwards: what the term makes at the one label had gone to the other."""
+    rows = lay_out(np.random.default_rng(1), (0.0, 20.0, 40.0), 3)
+    parameters = "parameters: {a: {unit: 1/degC, value: 0.02}}"
+    known = model(tmp_path, f"terms:\n  - effect: GS_gain\n    sensor: 2\n    {parameters}\n")
+    known = known.model_copy(
+        update={"sensors": {2: {n: Constant(unit=c.unit, value=50.0) for n, c in known.sensors[2].items()}}}
+    )
+    one = campaign_of(rows, base_rates(rows, thermal=False) + np.random.default_rng(2).normal(0.0, 0.3, (len(rows), 2)))
+    filed = one.sensors[2]
+    rates = filed.rates_deg_per_hr + known.rates(filed.conditions) - known.base_for(filed.conditions).rates
+    swapped = rates.copy()
+    swapped[[4, 5]] = rates[[5, 4]]
+    told = []
+    for each in (rates, swapped):
+        made = replace(one, sensors={2: replace(filed, rates_deg_per_hr=each)})
+        told.append([of.parameters["GSA"].value for of in solve_campaign(beside(made, known), known.form)])
+    assert told[1] == pytest.approx(told[0])
 
 
 NOISE = """terms: []
