@@ -63,13 +63,13 @@ def whitener(
     conditions: Conditions,
     sigma: FloatArray,
     run_bias: FloatArray,
-    run_columns: Sequence[tuple[FloatArray, float]] = (),
+    run_columns: Sequence[tuple[FloatArray, FloatArray | float]] = (),
 ) -> Whitener:
     """Return what whitens collects with white noise and scatter from run to run.
 
     `sigma` (n, c) is the standard deviation of each average, NaN where it was not measured, `run_bias` (c,) that of a
     bias per run and channel; `run_columns` adds parameters that scatter from run to run: pairs of columns (n, c, p) and
-    standard deviation. Raises LinAlgError where a covariance is not positive.
+    standard deviation, one or (p,). Raises LinAlgError where a covariance is not positive.
     """
     count, channels = sigma.shape
     biases = flattened(np.broadcast_to(np.diag(np.broadcast_to(run_bias, channels)), (count, channels, channels)))

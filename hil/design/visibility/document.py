@@ -246,7 +246,9 @@ def _of_model(level: NoiseLevel) -> NoiseLevel:
         return replace(level, source="the model")
     usual = NoiseLevel().run_bias_deg_per_hr
     told = listed(_of_g(level) or ["MU"])
-    return replace(level, run_bias_deg_per_hr=usual, source=f"{told} by the model, the bias assumed")
+    others = {name: size for name, size in level.run_scatter.items() if not name.startswith("B")}
+    source = f"{told} by the model, the bias assumed"
+    return replace(level, run_bias_deg_per_hr=usual, run_scatter=others, source=source)
 
 
 def _of_g(level: NoiseLevel) -> list[str]:
@@ -258,7 +260,9 @@ def _level(beyond: Mapping[str, float]) -> NoiseLevel:
     """Return a noise level by what parameters scatter by from run to run, rms: bias and, of a rotor, MU and GS."""
     of_each = ([more**2 for name, more in beyond.items() if name.startswith(kind)] for kind in ("B", "MU", "GS"))
     bias, mu, gs = (float(np.sqrt(np.mean(each))) if each else 0.0 for each in of_each)
-    return NoiseLevel(run_bias_deg_per_hr=bias, run_mu_deg_per_hr_per_g=mu, run_gs_deg_per_hr_per_g=gs)
+    return NoiseLevel(
+        run_bias_deg_per_hr=bias, run_mu_deg_per_hr_per_g=mu, run_gs_deg_per_hr_per_g=gs, run_scatter={**beyond}
+    )
 
 
 def _improvements(

@@ -25,7 +25,7 @@ from hil.model.effects.catalogue import NO_VALUES, askable, named, of_its_histor
 from hil.model.effects.columns import flattened
 from hil.model.effects.prior import UNSEEN, log_in_one, name_odds, shapes_tried
 from hil.model.equation import pickoff_rates
-from hil.model.forms import default_form, gs_columns, mu_columns, named_form
+from hil.model.forms import default_form, named_form
 from hil.solve.identifiability import CANNOT_BE_SEEN, Visible, classes, orthonormal, overlap_table, visible, whitener
 from hil.solve.temperatures import fitted_form, law_not_told, told_parameters
 
@@ -42,7 +42,7 @@ class NoiseLevel:
     The defaults are the report's quiet cells and its pooled run-to-run scatter. `source` says whose it is: "assumed",
     "its repeats", or theirs beyond an assumed noise of collects: what changes from run to run decides. What repeats
     show within chance counts, as in every ± of `hil solve`. Where channels are measured, a collect's is the median of
-    all, and `channels_deg_per_hr` that of each.
+    all, and `channels_deg_per_hr` that of each; so is `run_scatter` that of each parameter, and the others their rms.
     """
 
     collect_deg_per_hr: float = 0.93
@@ -51,6 +51,13 @@ class NoiseLevel:
     run_gs_deg_per_hr_per_g: float = 0.0
     source: str = "assumed"
     channels_deg_per_hr: Mapping[str, float] = field(default_factory=dict)
+    run_scatter: Mapping[str, float] = field(default_factory=dict)
+
+    def from_run_to_run(self, names: Sequence[str]) -> FloatArray:
+        """Return what each of some base parameters scatters by from run to run, (p,), deg/hr or deg/hr/g."""
+        usual = {"MU": self.run_mu_deg_per_hr_per_g, "GS": self.run_gs_deg_per_hr_per_g}
+        of_bias = {name: self.run_bias_deg_per_hr for name in names if name.startswith("B")}
+        return np.array([self.run_scatter.get(n, of_bias.get(n, usual.get(n[:2], 0.0))) for n in names])
 
 
 @dataclass(frozen=True)
@@ -137,12 +144,11 @@ def visibility(
     asked, laid = tuple(compress(asked, acts)), [*compress(every_laid, acts)]
     if sigma is None:
         sigma = np.full((len(conditions), len(conditions.sensor.channels)), noise.collect_deg_per_hr)
-    of_rotor = ((mu_columns, noise.run_mu_deg_per_hr_per_g), (gs_columns, noise.run_gs_deg_per_hr_per_g))
-    scattering = [(of(conditions), size) for of, size in of_rotor if size > 0.0 and conditions.sensor.is_rotor]
-    whiten = whitener(conditions, sigma, np.full(sigma.shape[1], noise.run_bias_deg_per_hr), scattering)
+    of_base = full.columns(conditions)
+    whiten = whitener(conditions, sigma, np.zeros(sigma.shape[1]), [(of_base, noise.from_run_to_run(full.names))])
     told = fitted.without(as_zero)
     # What is as zero may be anything in each run.
-    own = full.columns(conditions)[..., [full.names.index(name) for name in full.names if name in as_zero]]
+    own = of_base[..., [full.names.index(name) for name in full.names if name in as_zero]]
     of_run = conditions.run[:, None] == np.unique(conditions.run)
     in_each_run = np.einsum("ncp,nr->ncpr", own, of_run).reshape(*own.shape[:2], -1)
     whitened = whiten @ flattened(np.concatenate([told.columns(conditions), in_each_run], -1))

@@ -60,6 +60,10 @@ def test_what_repeats_scatter_by_is_what_an_effect_must_exceed() -> None:
     assert maps[1]["2"]["noise"]["run_bias_deg_per_hr"] == pytest.approx(8.0, rel=0.4)
     matrix_6 = built_in_model("matrix-6")
     assert smallest(loud, matrix_6, "ageing") > 5.0 * smallest(quiet, matrix_6, "ageing")
+    in_one = Campaign("t", "s", {2: Collects(conditions, np.stack([rates[:, 0], moved[:, 1]], 1), errors)})
+    (of_one, *_) = campaign_document(in_one, matrix_6, ())["sensors"].values()  # type: ignore[attr-defined]
+    assert of_one["noise"]["run_scatter"]["BA"] < 0.5 < 4.0 < of_one["noise"]["run_scatter"]["BB"]
+    assert smallest(in_one, matrix_6, "ageing") < 1.3 * smallest(quiet, matrix_6, "ageing")  # the other is as quiet
 
 
 @pytest.mark.slow
