@@ -134,21 +134,24 @@ def with_scatter(rows: Collects, parts: Sequence[Scatter]) -> Collects:
     conditions, stated = rows.conditions, rows.rates_se_deg_per_hr
     if not parts:
         return rows
-    variance = stated**2
-    for here, _, columns, covariance in _of_each_run(conditions, parts):
-        basis = orthonormal(columns, 1e-6)
-        of_white = np.maximum(1.0 - np.sum(basis**2, axis=1), 1e-6)
-        left = project_out(basis, project_out(basis, covariance).T)
-        variance[here] += (np.diag(left) / of_white).reshape(variance[here].shape)
-    return replace(rows, rates_se_deg_per_hr=np.where(stated > 0.0, np.sqrt(variance), stated))
+    errors = np.sqrt(stated**2 + within_runs(conditions, parts))
+    return replace(rows, rates_se_deg_per_hr=np.where(stated > 0.0, errors, stated))
+
+
+def within_runs(conditions: Conditions, parts: Sequence[Scatter]) -> FloatArray:
+    """Return the variance of each rate, (n, c), (deg/hr)², by what scatters inside a run."""
+    out = np.zeros(conditions.w_channels_deg_per_hr.shape)
+    for here, *_, within in _of_each_run(conditions, parts) if parts else ():
+        out[here] = within.reshape(out[here].shape)
+    return out
 
 
 def scatter_of_runs(conditions: Conditions, parts: Sequence[Scatter]) -> dict[str, float]:
-    """Return what the parameters of a run scatter by, by name, rms of all runs: what they take of what scatters."""
+    """Return what the parameters of a run scatter by, by name, rms of all runs, beyond what is in standard errors."""
     squares: dict[str, list[float]] = {}
-    for _, names, columns, covariance in _of_each_run(conditions, parts) if parts else ():
+    for _, names, columns, covariance, within in _of_each_run(conditions, parts) if parts else ():
         response = np.linalg.pinv(columns, rcond=1e-3)
-        for name, square in zip(names, np.diag(response @ covariance @ response.T), strict=True):
+        for name, square in zip(names, np.diag(response @ (covariance - np.diag(within)) @ response.T), strict=True):
             squares.setdefault(name, []).append(max(float(square), 0.0))
     sizes = {name: float(np.sqrt(np.mean(of))) for name, of in squares.items()}
     return {name: size if size > _NOTHING else 0.0 for name, size in sizes.items()}
@@ -156,11 +159,18 @@ def scatter_of_runs(conditions: Conditions, parts: Sequence[Scatter]) -> dict[st
 
 def _of_each_run(
     conditions: Conditions, parts: Sequence[Scatter]
-) -> Iterator[tuple[IntArray, tuple[str, ...], FloatArray, FloatArray]]:
-    """Yield rows (k,), names and columns (k·c, p) of the parameters, and the covariance (k·c, k·c) of what scatters."""
+) -> Iterator[tuple[IntArray, tuple[str, ...], FloatArray, FloatArray, FloatArray]]:
+    """Yield rows (k,), names and columns (k·c, p) of the parameters, and the covariance (k·c, k·c) of what scatters.
+
+    And the variance (k·c,) of white noise of which these would leave as much.
+    """
     for here in conditions.of_each_run.values():
         own = conditions.rows(here)
         form = default_form(own)
         there = [replace(p, columns=p.columns[here], group=None if p.group is None else p.group[here]) for p in parts]
         covariance = np.asarray(sum(part.covariance(own) for part in there))
-        yield here, form.names, flattened(form.columns(own)), covariance
+        columns = flattened(form.columns(own))
+        basis = orthonormal(columns, 1e-6)
+        left = np.diag(project_out(basis, project_out(basis, covariance).T))
+        within = left / np.maximum(1.0 - np.sum(basis**2, axis=1), 1e-6)
+        yield here, form.names, columns, covariance, within

@@ -29,7 +29,7 @@ from hil.model.effects.catalogue import EFFECTS, FORM_EFFECTS, SERIES_EFFECTS, V
 from hil.model.effects.document import shape_in_words
 from hil.model.effects.prior import ALPHA
 from hil.solve import repeats, solve_campaign
-from hil.solve.beside_terms import beside, beside_usual, scatter_of_runs
+from hil.solve.beside_terms import beside, beside_usual, scatter_of_runs, within_runs
 from hil.solve.between_runs import NO_NOISE
 from hil.solve.changes import CHANGES, Change
 from hil.solve.omissions import in_words, what_is_wrong
@@ -164,8 +164,9 @@ def sweep_document(sweep: Sweep, bench: Bench, model: Model | None = None) -> di
 def _planned(conditions: Conditions, model: Model, level: NoiseLevel) -> NoiseLevel:
     """Return the noise of planned collects as a model states it; what it does not state is that of the level."""
     white, parts = model.white_noise(conditions), model.stated_scatter(conditions)
-    if white is not None:
-        level = replace(level, collect_deg_per_hr=float(np.median(white)))
+    within = within_runs(conditions, parts)
+    collect = np.sqrt((level.collect_deg_per_hr if white is None else white[:, None]) ** 2 + within)
+    level = replace(level, collect_deg_per_hr=float(np.median(collect)))
     if parts:
         known = _of_model(_level(scatter_of_runs(conditions, parts)))
         level = replace(known, collect_deg_per_hr=level.collect_deg_per_hr)

@@ -196,6 +196,10 @@ def test_what_changes_from_collect_to_collect_is_in_a_runs_errors(tmp_path: Path
     one = replace(one, sensors={2: replace(one.sensors[2], rates_deg_per_hr=moved)})
     assert all(each.exceeds_errors for each in solve_campaign(one))
     assert not any(each.exceeds_errors for each in solve_beside(beside(one, loud), loud))
+    # And in none of them once more, as from run to run.
+    assert beside(one, loud).run_scatter[2]["BA"] == pytest.approx(10.0)
+    white = model(tmp_path, "noise: {2: {collect_to_collect: {BA: {unit: deg/hr, value: 5}}}}\n")
+    assert _planned(white)["noise"]["collect_deg_per_hr"] > 4.0  # type: ignore[index]
 
 
 def test_budget_states_a_run_as_solve_does_beside_the_same_model(tmp_path: Path) -> None:
