@@ -149,6 +149,5 @@ def what_scatters(campaign: Campaign) -> Scattering:
     model = load_model(default_form(next(iter(usable(asked).sensors.values())).conditions).name)
     answer = searched(asked, model, (*BASE_EFFECTS, *EFFECTS), VARIANCE_EFFECTS, ALPHA)
     to_record = lacking(campaign, answer.scatter, answer.noise)
-    return Scattering(
-        answer, common_and_differential(campaign), to_record, otherwise(campaign, answer.rows, [*answer.alone])
-    )
+    doubted = otherwise(campaign, answer.rows, answer.taken_off)
+    return Scattering(answer, common_and_differential(campaign), to_record, doubted)

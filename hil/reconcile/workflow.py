@@ -29,16 +29,16 @@ from hil.reconcile.outcome.shown import shown
 from hil.reconcile.proof.held_out import HeldOut, held_out
 from hil.reconcile.result import Reconciliation
 from hil.reconcile.search.layout import coarse, may_be_calibrated, refined, searches, values_follow
-from hil.reconcile.search.posterior import Posterior, beside_lookalikes, weigh
+from hil.reconcile.search.posterior import Posterior, beside_lookalikes, served, weigh
 from hil.reconcile.search.problem import Problem, as_thermometers_may_be, pose
 from hil.solve.wrong_rows import pooled, sound
 
 INSIDE = 0.2  # share of the rate of false alarms that the series' tests have, where there are series
 FOLLOW = 5.0  # that the values of a unit follow temperature is so many times as probable as that all of them stand
-HOPELESS = 40.0, 21.0
+HOPELESS = 30.0, 21.0
 """What sets are worth so far, this much (log) below what they must be, nothing makes up that is found later.
 
-At the noise that the base alone leaves probable, and as it is refined beside leading terms.
+The first that leads at the noise beside it, and all at noise that is refined beside leading terms.
 """
 
 
@@ -101,7 +101,7 @@ def _likelier(problem: Problem, scattering: Sequence[VarianceEffect]) -> Posteri
     follow = weigh(searches(problem, EFFECTS, scattering, stand))
     least = follow.log_evidence + np.log(FOLLOW)
     at_first, then = (least - hopeless for hopeless in HOPELESS)
-    if so_far.log_evidence < at_first or weigh(refined(problem, stand), serve=False).log_evidence < then:
+    if served(so_far) < at_first or weigh(refined(problem, stand), serve=False).log_evidence < then:
         return follow
     plain = weigh(stand)
     return plain if plain.log_evidence >= least else follow

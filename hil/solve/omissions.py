@@ -116,12 +116,10 @@ def not_settled(campaign: Campaign) -> dict[int, dict[int, str]]:
     return {n: {run: of for run, of in told[n].items() if run in rows.conditions.run} for n, rows in used.items()}
 
 
-def otherwise(
-    campaign: Campaign, rows: Sequence[Mapping[str, Any]], named: Collection[tuple[int, int]] = ()
-) -> list[str]:
+def otherwise(campaign: Campaign, rows: Sequence[Mapping[str, Any]], taken_off: Campaign) -> list[str]:
     """Say where the search's `rows` are not what the quick form, which numbers are made from, does or doubts.
 
-    Runs of sensors that are `named` for what is in them alone are doubted by both.
+    What it doubts no more with what is known and was found `taken_off` the rates has its explanation.
     """
 
     def rates(of: Sequence[Mapping[str, Any]]) -> set[tuple[int, str, int]]:
@@ -134,7 +132,8 @@ def otherwise(
     asked = what_is_wrong(campaign)["rows"]
     search, quick = (rates([row for row in of if row["done"] != USED]) for of in (rows, asked))
     known = rates(rows)
-    used = (row for row in asked if row["done"] == USED and (row["sensor"], row["run"]) not in named)
+    still = rates([row for row in what_is_wrong(taken_off)["rows"] if row["done"] == USED])
+    used = (row for row in asked if row["done"] == USED and rates([row]) & still)
     doubted = [row for row in used if not rates([row]) & known]
     here = "by hil solve, report, budget, thermal and visibility, which look less closely"
     unsaid = "hil solve doubts, and no row is called wrong here"

@@ -1,6 +1,6 @@
 """What a search came to, whole: what was asked, what is probable, what it is called, and what held-out rows say."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -67,15 +67,6 @@ class Answer:
         """What the names are in each sensor, with their values."""
         places = [(n, j) for named in self.names for n, js in named.terms.items() for j in js]
         return [(self.posterior.term(n, j).candidate, self.fit.of_term(n, j, alone=True)) for n, j in places]
-
-    @property
-    def alone(self) -> Iterator[tuple[int, int]]:
-        """The runs of each sensor in which alone something was found."""
-        for number, place in ((n, j) for named in self.names for n, js in named.terms.items() for j in js):
-            run, moved = self.fit.conditions[number].run, self.posterior.term(number, place).candidate.columns
-            there = np.unique(run[np.any(moved != 0.0, axis=(1, 2))])
-            others = np.setdiff1d(run, there)
-            yield from ((number, int(of[0])) for of in (there, others) if len(of) == 1)
 
     @property
     def alike(self) -> Mapping[str, Sequence[Effect]]:

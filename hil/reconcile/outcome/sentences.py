@@ -98,12 +98,13 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
         )
     if (
         kind in {"none", "apart"}
-        and result.input_model.noise
+        and (result.input_model.noise or result.input_model.terms)
         and result.solved.of_sensors
         and not result.left.of_sensors
     ):
         doubts = ", ".join(told for _, told in of_sensors_in_words(result.solved.of_sensors, set()))
-        act += f" That is by the noise that the model states; hil solve without --model does not pass {doubts}."
+        states = listed(["terms"] * bool(result.input_model.terms) + ["noise"] * bool(result.input_model.noise))
+        act += f" That is by the {states} that the model states; hil solve without --model does not pass {doubts}."
     warmth = result.calibrated or dict(result.follows).get("temperature", 0.0) > LIKELY
     likely = kind in {"none", "named", "ambiguous"} and warmth and not nothing
     added = [effect for effect in result.effects if not effect.mends_labels]

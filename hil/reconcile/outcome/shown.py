@@ -67,7 +67,7 @@ def shown(campaign: Campaign, found: Answer) -> Reconciliation:
     notes += _may_be_too(found)
     notes += [*found.left.errors, *stated.scatter_in_words(found.noise)]
     notes += stated.stated_in_words(found.beyond_flicker, found.wanders)
-    notes += otherwise(campaign, found.rows, [*found.alone])
+    notes += otherwise(campaign, found.rows, found.taken_off)
     return Reconciliation(
         campaign=asked.title,
         source=asked.source,

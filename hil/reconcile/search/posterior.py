@@ -97,10 +97,10 @@ def likely_sets(search: SensorSearch, *, serve: bool) -> list[Set]:
     served = set[Set]()
     while serve and (lead := max(known, key=lambda s: known[s])) not in served:
         served.add(lead)
-        search.serve(lead)
+        fewer = [lead[:k] + lead[k + 1 :] for k in range(len(lead))]
+        search.serve([lead, *fewer])
         known = _alone(search, [s for s in known if known[s] > known[lead] - 2.0 * WORTH or s == ()])
-        fewer = [s for k in range(len(lead)) if (s := lead[:k] + lead[k + 1 :]) not in known]
-        known |= _alone(search, [*fewer, *_further(search, lead, known)])
+        known |= _alone(search, [*({*fewer} - {*known}), *_further(search, lead, known)])
     best = max(known.values())
     return [s for s in sorted(known, key=lambda s: -known[s]) if known[s] > best - 2.0 * WORTH or s == ()]
 
@@ -163,6 +163,15 @@ def _best(search: SensorSearch, scores: FloatArray, given: Set) -> Iterator[int]
         yield j
         if len(count) >= GROWTH:
             return
+
+
+def served(posterior: Posterior) -> float:
+    """Return the log evidence of the likeliest set in the noise that is probable beside it, sensor by sensor."""
+    total = 0.0
+    for number, chosen in posterior.sets[0].terms.items():
+        posterior.searches[number].serve([chosen])
+        total += _alone(posterior.searches[number], [chosen])[chosen]
+    return total
 
 
 def _alone(search: SensorSearch, sets: Sequence[Set]) -> dict[Set, float]:

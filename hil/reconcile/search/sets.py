@@ -62,12 +62,11 @@ class SensorSearch:
             beside = [self.columns(each, b) for each in asked]
             block.choose([self.columns((), b), *(own for own in beside if own.shape[1])])
 
-    def serve(self, chosen: Set) -> None:
-        """Add the points of the noise that are probable beside a set, and beside it without each of its members.
+    def serve(self, sets: Sequence[Set]) -> None:
+        """Add the points of the noise that are probable beside some sets.
 
-        And quieter ones: a further term may explain what is taken for noise beside this set.
+        And quieter ones: a further term may explain what is taken for noise beside the first.
         """
-        sets = [chosen, *(chosen[:k] + chosen[k + 1 :] for k in range(len(chosen)))]
         self._weigh_anew()
         for b, block in enumerate(self.blocks):
             block.add([self.columns(each, b) for each in sets])
