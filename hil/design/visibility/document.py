@@ -20,7 +20,7 @@ from hil.campaign.stand_ins import with_stand_ins
 from hil.config.bench import Bench
 from hil.config.sweep import Sweep, check_sweep_against_bench
 from hil.design.conditions import planned_conditions
-from hil.design.visibility.map import NoiseLevel, Sight, Sights, visibility
+from hil.design.visibility.map import AT_EACH, NoiseLevel, Sight, Sights, visibility
 from hil.design.visibility.promise import PROBABILITY
 from hil.files.document import picked
 from hil.files.page import filled
@@ -133,7 +133,7 @@ def _effect_document(sight: Sight, sights: Sights) -> dict[str, object]:
         "kept": round(sight.kept, 6),
         "visible": sight.visible,
         "in_sight": sight.in_sight,
-        "in_model": sight.effect.id in FORM_EFFECTS.get(sights.form, ()),
+        "in_model": sight.effect.id in FORM_EFFECTS.get(sights.form.removesuffix(AT_EACH), ()),
         "class": list(sight.members),
         "unasked": dict(sight.unasked),
         "smallest_visible": {

@@ -27,8 +27,9 @@ from hil.model.effects.prior import UNSEEN, log_in_one, name_odds, shapes_tried
 from hil.model.equation import pickoff_rates
 from hil.model.forms import default_form, named_form
 from hil.solve.identifiability import CANNOT_BE_SEEN, Visible, classes, orthonormal, overlap_table, visible, whitener
-from hil.solve.temperatures import fitted_form, law_not_told, told_parameters
+from hil.solve.temperatures import fitted_form, law_not_told, same_temperature, told_parameters
 
+AT_EACH = ", calibrated at each temperature"
 _VARIES_DEGC = 20.0
 _MOST_SHAPES = 12  # of those that are searched, evenly chosen: a map needs no finer search
 _TYPICAL_ROTOR = {"BA": 15.0, "BB": -10.0, "GSA": 60.0, "GSB": -25.0, "MUA": 5.0, "MUB": 5.0}
@@ -130,12 +131,17 @@ def visibility(
     """
     noise = noise or NoiseLevel()
     fitted = full = default_form(conditions)
+    of_base, at_each, follow = full.columns(conditions), np.zeros((len(conditions), 0)), ""
     degC = conditions.columns.get("temperature_degC", np.full(1, np.nan))
     if model is not None:
         fitted = fitted_form(model, conditions)
     elif full.name == "matrix-6" and np.ptp(degC) > _VARIES_DEGC:
         thermal = named_form("matrix-6-thermal", conditions)
-        fitted = full if law_not_told(thermal, conditions) else thermal
+        if law_not_told(thermal, conditions):  # nor is it a finding of hil reconcile that values follow temperature
+            station = same_temperature(conditions)
+            at_each, follow = np.equal.outer(station, np.unique(station)[1:]), AT_EACH
+        else:
+            fitted = thermal
     base = base_values(conditions, model, values)
     asked, reasons = askable(conditions, base)
     every_laid = [_laid(effect, conditions, base) for effect in asked]
@@ -144,14 +150,15 @@ def visibility(
     asked, laid = tuple(compress(asked, acts)), [*compress(every_laid, acts)]
     if sigma is None:
         sigma = np.full((len(conditions), len(conditions.sensor.channels)), noise.collect_deg_per_hr)
-    of_base = full.columns(conditions)
     whiten = whitener(conditions, sigma, np.zeros(sigma.shape[1]), [(of_base, noise.from_run_to_run(full.names))])
     told = fitted.without(as_zero)
     # What is as zero may be anything in each run.
     own = of_base[..., [full.names.index(name) for name in full.names if name in as_zero]]
-    of_run = conditions.run[:, None] == np.unique(conditions.run)
-    in_each_run = np.einsum("ncp,nr->ncpr", own, of_run).reshape(*own.shape[:2], -1)
-    whitened = whiten @ flattened(np.concatenate([told.columns(conditions), in_each_run], -1))
+    of_run = np.equal.outer(conditions.run, np.unique(conditions.run))
+    of_told = told.columns(conditions)
+    by_place = ((of_told, at_each), (own, of_run))
+    several = [np.einsum("ncp,nr->ncpr", of, at).reshape(*of.shape[:2], -1) for of, at in by_place]
+    whitened = whiten @ flattened(np.concatenate([of_told, *several], -1))
     absorbed, inverse = orthonormal(whitened), np.asarray(np.linalg.pinv(whitened, rcond=1e-9))
     seen: list[list[Visible]] = []
     leaks: list[dict[str, float]] = []
@@ -183,7 +190,7 @@ def visibility(
         for index, effect in enumerate(asked)
         for beside in [_unasked(effect, conditions, laid[index][1], members[index])]
     ]
-    return Sights(fitted.name, tuple(sights), overlaps, reasons, noise)
+    return Sights(fitted.name + follow, tuple(sights), overlaps, reasons, noise)
 
 
 def _laid(

@@ -249,6 +249,12 @@ def test_sensor_layouts_take_the_form_that_is_meant_for_them() -> None:
     """A rotor over temperature: matrix-6-thermal; at one temperature: matrix-6; a triad: triad-12."""
     assert visibility(campaign()).form == "matrix-6-thermal"
     assert visibility(campaign(temperatures=(20.0,))).form == "matrix-6"
+    two = visibility(campaign(temperatures=(0.0, 40.0), runs_each=3))
+    assert two.form == "matrix-6, calibrated at each temperature"  # what follows temperature is no finding there
+    assert {name: sight.visible for name in ("bias_T", "jump") if (sight := two.sight(name))} == {
+        "bias_T": False,
+        "jump": True,
+    }
     assert visibility(triad_poses()).form == "triad-12"
     assert (ROTOR.is_rotor, TRIAD.is_triad) == (True, True)
 
