@@ -21,7 +21,7 @@ from hil.campaign import Conditions, FloatArray
 from hil.design.visibility.promise import Asked, Rows, Smallest, found_from
 from hil.model import Model
 from hil.model.effects.base import Base, Effect, Parameter, effect_columns
-from hil.model.effects.catalogue import NO_VALUES, askable, named, of_its_history
+from hil.model.effects.catalogue import NO_EARTH_RATE, NO_VALUES, askable, named, of_its_history
 from hil.model.effects.columns import flattened
 from hil.model.effects.prior import UNSEEN, log_in_one, name_odds, shapes_tried
 from hil.model.equation import pickoff_rates
@@ -146,7 +146,9 @@ def visibility(
     asked, reasons = askable(conditions, base)
     every_laid = [_laid(effect, conditions, base) for effect in asked]
     acts = [any(np.any(of_shape) for of_shape in columns) for _, _, columns, _ in every_laid]
-    reasons |= {effect.id: NO_VALUES for effect, does in zip(asked, acts, strict=True) if not does}
+    turns = bool(np.any(np.nan_to_num(conditions.w_channels_deg_per_hr)))
+    lacks = NO_VALUES if turns or not np.any(base.k) else NO_EARTH_RATE
+    reasons |= {effect.id: lacks for effect, does in zip(asked, acts, strict=True) if not does}
     asked, laid = tuple(compress(asked, acts)), [*compress(every_laid, acts)]
     if sigma is None:
         sigma = np.full((len(conditions), len(conditions.sensor.channels)), noise.collect_deg_per_hr)

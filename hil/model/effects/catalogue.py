@@ -133,6 +133,7 @@ def over_temperature(effect: Effect) -> Effect:
 
 
 NO_VALUES = "cannot be asked: needs values of the base model"
+NO_EARTH_RATE = "cannot be asked: needs the earth rate, which is 0 in every row"
 
 
 def why_not(effect: Effect, conditions: Conditions, base: Base | None) -> str:

@@ -61,7 +61,7 @@ class Ageing(Effect):
     id = "ageing"
     follows = "time"
     title = "Ageing of the bias"
-    equation = "B += a t"
+    equation = "B += a t, t from the record's first collect on"
     per_channel = True
     parameters = (Parameter("a", "deg/hr/day", (0.3, 10.0), {"RLG": (0.001, 0.01), "MEMS": (1.0, 100.0)}),)
     signature = "A straight line against time, blind to temperature, position and order."

@@ -10,8 +10,9 @@ import pytest
 
 from hil.campaign import Campaign, Collects
 from hil.design.visibility.document import campaign_document, visibility_document, visibility_text
-from hil.design.visibility.map import NoiseLevel
+from hil.design.visibility.map import NoiseLevel, visibility
 from hil.model import Model, built_in_model
+from hil.model.effects.catalogue import NO_EARTH_RATE
 from hil.model.forms import default_form, gs_columns
 from tests.hil.model.effect_conditions import campaign, of_each_position, triad_poses
 from tests.hil.solve.runs_of_a_unit import campaign as runs_at_their_temperatures
@@ -165,3 +166,6 @@ def test_what_acts_on_values_is_asked_with_those_that_the_night_shows() -> None:
     assert (gain["visible"], gain["found_as"]) == (True, "g_sensitivity")
     planned: Any = visibility_document({1: conditions}, "planned", changes=())["sensors"]
     assert "needs values" in planned["1"]["cannot_be_asked"]["g_gain"]
+    still = replace(conditions, w_deg_per_hr=np.zeros_like(conditions.w_deg_per_hr))
+    told = visibility(still, values=dict.fromkeys(form.names, 4.0))
+    assert told.reasons["misalign"] == NO_EARTH_RATE
