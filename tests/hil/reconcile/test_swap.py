@@ -381,8 +381,9 @@ def test_what_solve_doubts_and_the_search_does_not_is_said_by_its_collects() -> 
     wrong = replace(made, sensors={2: replace(made.sensors[2], rates_deg_per_hr=rates)})
     doubted = [row for row in wrong_rows(wrong)[2].rows if row.done == USED]
     assert [row.run for row in doubted] == [2]
-    assert any("hil solve doubts" in words and "collect 5" in words for words in otherwise(wrong, ()))
-    assert not any("doubts" in words for words in otherwise(wrong, [row.document() for row in doubted]))
+    assert any("hil solve doubts" in words and "collect 5" in words for words in otherwise(wrong, (), wrong))
+    assert not any("doubts" in words for words in otherwise(wrong, [row.document() for row in doubted], wrong))
+    assert not any("doubts" in words for words in otherwise(wrong, (), made))  # what was found explains it
 
 
 @pytest.mark.slow  # that hil solve does so is quick, in tests/hil/solve/test_labels_in_common.py
