@@ -357,12 +357,9 @@ def test_what_leads_is_judged_in_the_noise_that_is_probable_beside_it() -> None:
     rates = base_rates(rows) + rng.normal(0.0, 0.5, (len(rows), 2))
     rates -= rng.normal(0.0, 6.0, (13, 2))[rows.run] * rows.f[:, 2:]
     effects = [effect for effect in EFFECTS if effect.id in ("bias_T", "GS_T")]
-    so_far = weigh(
-        coarse(pose(campaign_of(rows, rates, stated=0.5), load_model("matrix-6"), effects), (), VARIANCE_EFFECTS),
-        serve=False,
-    )
-    before = so_far.log_evidence
-    assert served(so_far) > before + 20.0
+    problem = pose(campaign_of(rows, rates, stated=0.5), load_model("matrix-6"), effects)
+    so_far = weigh(coarse(problem, (), VARIANCE_EFFECTS), serve=False)
+    assert served(so_far) > so_far.log_evidence + 20.0
 
 
 def weighed_in_turn(monkeypatch: pytest.MonkeyPatch, *log_evidence: float) -> tuple[Posterior, list[bool]]:
