@@ -35,7 +35,7 @@ from hil.solve.wrong_rows import pooled, sound
 
 INSIDE = 0.2  # share of the rate of false alarms that the series' tests have, where there are series
 FOLLOW = 5.0  # that the values of a unit follow temperature is so many times as probable as that all of them stand
-HOPELESS = 30.0, 21.0
+HOPELESS = 36.0, 21.0
 """What sets are worth so far, this much (log) below what they must be, nothing makes up that is found later.
 
 The first that leads at the noise beside it, and all at noise that is refined beside leading terms.

@@ -115,9 +115,16 @@ def _best(maps: Mapping[int, Sights]) -> dict[str, tuple[int, Sight]]:
     best: dict[str, tuple[int, Sight]] = {}
     for number, sights in maps.items():
         for sight in sights.effects:
-            if sight.effect.id not in best or sight.kept > best[sight.effect.id][1].kept:
+            if sight.effect.id not in best or _seen_better(sight, best[sight.effect.id][1]):
                 best[sight.effect.id] = (number, sight)
     return best
+
+
+def _seen_better(sight: Sight, other: Sight) -> bool:
+    """Whether an effect is seen from a smaller size on, or, where neither sees it, more is left of it."""
+    if not (sight.visible and other.visible):
+        return sight.kept > other.kept
+    return sight.least < other.least
 
 
 def _effect_document(sight: Sight, sights: Sights) -> dict[str, object]:

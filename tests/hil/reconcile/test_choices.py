@@ -326,7 +326,7 @@ def test_values_that_follow_temperature_are_five_times_as_probable_before_the_da
 
 @pytest.mark.parametrize(
     ("at_first", "then", "asked"),
-    [(-28.5, 0.0, [False, True]), (-28.3, -19.5, [False, True, False]), (-28.3, -19.3, [False, True, False, True])],
+    [(-34.5, 0.0, [False, True]), (-34.3, -19.5, [False, True, False]), (-34.3, -19.3, [False, True, False, True])],
 )
 def test_the_noise_is_not_looked_at_anew_beside_sets_that_cannot_lead(
     monkeypatch: pytest.MonkeyPatch, at_first: float, then: float, asked: list[bool]
