@@ -24,6 +24,9 @@ _LEANS, _LEANS_G = 5.0, (0.02, 0.1)
 """Times as far off f as at most positions, and between what: less moves hardly a rate, and more `plausibility` says."""
 _POSITIONS = 4
 
+_FAR_DEGC = 3.0
+"""Further than a chamber holds its air off the setpoint that it has reached."""
+
 _USUAL_DEGC = (-100.0, 100.0)
 """Beyond these a temperature is rather in K or °F."""
 
@@ -79,6 +82,7 @@ def _of_sensor(where: str, collects: Collects, rows: np.ndarray, said: Campaign)
         found.append(not_recorded(conditions, OWN, other[0]))
     elif (lacking := np.isnan(conditions.columns.get(OWN, np.zeros(len(conditions))))).any() and not lacking.all():
         found.append(f"{at(lacking)}: no {OWN}, and nothing that stands in for it: nothing there is asked to follow it")
+    found += [f"{at(there)}: {words}" for there, words in _not_reached(conditions)]
     if said.centrifuge or said.rebuilt:
         return found
     found += [f"{where}: {each}" for each in _leaning(collects)]
@@ -93,6 +97,18 @@ def _of_sensor(where: str, collects: Collects, rows: np.ndarray, said: Campaign)
             "any channel, is in the rates, and in no standard error"
         )
     return found
+
+
+def _not_reached(conditions: Conditions) -> Iterator[tuple[BoolArray, str]]:
+    """Yield the rows (n,) at a setpoint that the chamber's own air was far from, with what it was at."""
+    none = np.full(len(conditions), np.nan)
+    air, set_to = (conditions.columns.get(name, none) for name in ("chamber_degC", "setpoint_degC"))
+    for setpoint in np.unique(set_to[np.isfinite(air) & np.isfinite(set_to)]).tolist():
+        there = set_to == setpoint
+        shown = float(np.nanmedian(air[there]))
+        if abs(shown - setpoint) > _FAR_DEGC:
+            was = f"the air was at {shown:z.1f} °C where {setpoint:z.4g} °C was set, which was not reached"
+            yield there, f"{was}: what is said of {setpoint:z.4g} °C is of what the unit had there"
 
 
 def _leaning(collects: Collects) -> Iterator[str]:

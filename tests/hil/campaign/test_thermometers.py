@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from hil.campaign import Campaign
+from hil.campaign.reader import read_campaign
 from hil.campaign.stand_ins import off_its_case, own_degC, with_stand_ins
 from hil.campaign.writer import write_campaign
 from hil.cli.app import run
@@ -81,3 +82,14 @@ def test_a_thermometer_that_is_off_has_no_name_of_an_effect() -> None:
     shown = rows.temperature + 5.0 * (rows.run == 11)
     night = with_column(one, temperature_degC=shown, case_degC=rows.temperature - 3.0)
     assert reconcile(night, "matrix-6-thermal", prove=False).verdict == "none"
+
+
+@pytest.mark.parametrize(("short_degC", "said"), [(9.0, 1), (1.0, 0)])
+def test_a_setpoint_that_the_chamber_did_not_reach_is_said_once(short_degC: float, said: int, tmp_path: Path) -> None:
+    """All runs of -40 °C were made at -31, all PASS, and stood under -40."""
+    one = campaign(9, 3, seed=1)
+    setpoint = one.sensors[2].conditions.columns["setpoint_degC"]
+    short = with_column(one, chamber_degC=setpoint + short_degC * (setpoint == setpoint.min()))
+    told = [each for each in read_campaign(write_campaign(short, tmp_path / "night")).warnings if "not reached" in each]
+    assert len(told) == said
+    assert all(f"the air was at {setpoint.min() + short_degC:z.1f} °C where" in each for each in told)

@@ -274,7 +274,9 @@ def test_text_says_what_is_seen_alike_absorbed_and_what_would_help() -> None:
     # Of a unit that settles within seconds nothing is left in any collect: of one that takes a minute much is.
     settle = next(line for line in text.splitlines() if line.startswith("  settle "))
     assert settle.endswith("typical 5 to 100, sensor 1: in some shapes only, best time constant 60 s")
-    assert next(line for line in text.splitlines() if line.startswith("  MU_real ")).endswith("typical 2 to 40, sensor 1")
+    assert next(line for line in text.splitlines() if line.startswith("  MU_real ")).endswith(
+        "typical 2 to 40, sensor 1"
+    )
     small = (
         text.partition("\nToo small to be found, where no larger than what occurs:\n")[2]
         .partition("\n\n")[0]
