@@ -7,7 +7,7 @@ campaign_document(campaign, model)
 """
 
 import math
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
 from typing import Any
@@ -34,7 +34,7 @@ from hil.solve.between_runs import NO_NOISE
 from hil.solve.changes import CHANGES, Change
 from hil.solve.omissions import in_words, what_is_wrong
 from hil.solve.repeats import OF_MEANS, SensorRepeats
-from hil.solve.temperatures import runs_made_alike
+from hil.solve.temperatures import runs_made_alike, same_temperature
 from hil.solve.wrong_rows import treated
 from procedures.plan import make_plan
 from procedures.words import listed, unit_in_words
@@ -45,6 +45,8 @@ MOST_RUNS = 384
 """On so many of a campaign's runs at most, evenly chosen, a change is weighed: before and after alike."""
 
 _BEYOND = 10  # so many times the largest typical size nobody has seen: what needs more is not seen in these collects
+
+_LOUDER = 1.5  # times: noise that is so much larger at one temperature is told
 
 _WORTH = 0.95  # of the size at which effects are seen without a change
 
@@ -217,11 +219,8 @@ def campaign_document(
             if each.scatter_included
             else NoiseLevel(source="assumed" if number in assumed else "assumed, for no run was repeated"),
             collect_deg_per_hr=float(np.nanmedian(sigmas[number])),  # one that is huge says nothing of the others
-            channels_deg_per_hr={
-                name: float(np.median(of[known]))
-                for name, of, known in zip(each.times_of, sigmas[number].T, np.isfinite(sigmas[number]).T, strict=True)
-                if known.any()
-            },
+            channels_deg_per_hr=_of_channels(each.times_of, sigmas[number]),
+            at_one_temperature_deg_per_hr=_noisiest(each.times_of, sigmas[number], conditions[number]),
         )
         for number, each in shown.items()
         if number in used
@@ -231,6 +230,20 @@ def campaign_document(
         conditions, campaign.title, model, noise, sigmas, campaign.taken_as_zero, changes, values
     )
     return {**found, **told}
+
+
+def _of_channels(names: Iterable[str], sigma: FloatArray) -> dict[str, float]:
+    """Return the median of standard errors (n, c) by channel, of those that are known."""
+    every = zip(names, sigma.T, strict=True)
+    return {name: float(np.nanmedian(of)) for name, of in every if np.isfinite(of).any()}
+
+
+def _noisiest(names: Collection[str], sigma: FloatArray, conditions: Conditions) -> dict[str, float]:
+    """Return it at the temperature at which it is largest, of channels of which it is much larger there."""
+    usual, station = _of_channels(names, sigma), same_temperature(conditions)
+    of_each = [_of_channels(names, sigma[station == k]) for k in np.unique(station)]
+    largest = {name: max(of[name] for of in of_each if name in of) for name in usual}
+    return {name: most for name, most in largest.items() if most > _LOUDER * usual[name]}
 
 
 def _seen(shown: SensorRepeats, *, assumed: bool) -> NoiseLevel:

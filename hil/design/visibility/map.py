@@ -52,6 +52,7 @@ class NoiseLevel:
     run_gs_deg_per_hr_per_g: float = 0.0
     source: str = "assumed"
     channels_deg_per_hr: Mapping[str, float] = field(default_factory=dict)
+    at_one_temperature_deg_per_hr: Mapping[str, float] = field(default_factory=dict)
     run_scatter: Mapping[str, float] = field(default_factory=dict)
 
     def from_run_to_run(self, names: Sequence[str]) -> FloatArray:

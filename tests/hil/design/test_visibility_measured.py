@@ -14,6 +14,7 @@ from hil.design.visibility.map import NoiseLevel, visibility
 from hil.model import Model, built_in_model
 from hil.model.effects.catalogue import NO_EARTH_RATE
 from hil.model.forms import default_form, gs_columns
+from hil.solve.temperatures import same_temperature
 from tests.hil.model.effect_conditions import campaign, of_each_position, triad_poses
 from tests.hil.solve.runs_of_a_unit import campaign as runs_at_their_temperatures
 from tests.hil.solve.runs_of_a_unit import repeated, up_and_down, with_rates
@@ -169,3 +170,18 @@ def test_what_acts_on_values_is_asked_with_those_that_the_night_shows() -> None:
     still = replace(conditions, w_deg_per_hr=np.zeros_like(conditions.w_deg_per_hr))
     told = visibility(still, values=dict.fromkeys(form.names, 4.0))
     assert told.reasons["misalign"] == NO_EARTH_RATE
+
+
+def test_noise_that_is_larger_at_one_temperature_is_said_to_be() -> None:
+    """One number stood for all of them, where hil budget had four times as much at -20 °C."""
+    one = runs_at_their_temperatures(9, 4, seed=1)
+    rows = one.sensors[2]
+    loud = same_temperature(rows.conditions) == 0
+    errors = np.where(loud[:, None], 2.0, 0.5) * np.ones((1, 2))
+    rates = rows.rates_deg_per_hr + np.random.default_rng(1).normal(0.0, 1.0, errors.shape) * errors
+    made = replace(one, sensors={2: replace(rows, rates_deg_per_hr=rates, rates_se_deg_per_hr=errors)})
+    noise: Any = campaign_document(made, changes=())["noise"]
+    assert all(
+        2.0 < noise["at_one_temperature_deg_per_hr"][c] / noise["channels_deg_per_hr"][c] < 6.0 for c in ("RA", "RB")
+    )
+    assert "at one temperature)" in visibility_text(campaign_document(made, changes=()))
