@@ -26,7 +26,7 @@ from hil.reconcile.follows import repeated
 from hil.reconcile.outcome import scatter
 from hil.reconcile.outcome.answer import ORDINARY, Answer
 from hil.reconcile.outcome.findings import id_of
-from hil.reconcile.outcome.stated import flicker_in_words, lacking, scatter_in_words
+from hil.reconcile.outcome.stated import beyond_chance, flicker_in_words, lacking, scatter_in_words
 from hil.reconcile.rivals import CERTAIN
 from hil.reconcile.workflow import searched
 from hil.solve.both_sensors import BothSensors, common_and_differential
@@ -74,7 +74,8 @@ class Scattering:
             about = ", ".join(dict.fromkeys(n["under"] for n in noise))
             told = [f"{listed([likely[name] for name in self.named])}, about {about}: {'; '.join(values)}"]
         elif likely:
-            more = scatter_in_words(noise) or self.answer.left.small
+            beyond = any([*beyond_chance(channel)] for channel in noise)
+            more = beyond or scatter_in_words(noise) or self.answer.left.small
             nothing = "what scatters has no name" if more else "nothing certainly scatters"
             nothing = nothing if next(iter(likely)) == ORDINARY else "what scatters is not certain"
             told = [found.untold or f"{nothing}: {next(iter(likely.values()))}"]

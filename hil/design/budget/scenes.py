@@ -89,7 +89,7 @@ def planned_scenes(sweep: Sweep, bench: Bench, model: Model | None = None) -> di
             raise InputError(f"{sweep.source}: collect.duration: {conditions.duration_s.min():g} s averages no noise")
         axes = np.array([bench.sensors[number].built[label].axes for label in conditions.position])
         form = default_form(conditions.rows(conditions.run == conditions.run[0]))
-        found[number], every = [], given + stated_by(stating, conditions)
+        found[number], every = [], given + stated_by(stating, conditions, measured=False)
         for run, here in conditions.of_each_run.items():
             base, origin = _base(conditions.rows(here), model)
             scene = Scene(conditions.rows(here), axes[here], base, sigma[here])
@@ -136,7 +136,7 @@ def _measured_runs(
             shown = shown if assumed is None else replace(shown, noise_times=assumed[run])
             noisy, noise_by = shown.noise_times, shown.noise_by(noise_by)
         given = sources(bench.uncertainties, bench.name, *_slope(conditions), noise_by)
-        given += stated_by(model, conditions)
+        given += stated_by(model, conditions, measured=True)
         base, origin = _base(conditions, model) if model is not None else _solved(rows, form)
         axes = _axes(conditions, bench)
         north = bool(np.any(local_frame(conditions).north))

@@ -28,6 +28,7 @@ from hil.model.effects.base import Base
 from hil.model.effects.geometry import unit_vectors
 from hil.model.equation import pickoff_rates
 from hil.model.model_file import Model
+from hil.solve.beside_terms import within_runs
 
 _STILL_RAD = 1e-6  # a turn smaller than this is no move: the unit stays where it was
 
@@ -136,19 +137,23 @@ class Instability(Noise):
 
 
 class Stated(Source):
-    """What a model states that averages scatter by beside their own noise: the catalogue's scatter, or by run."""
+    """What a model states that averages scatter by beside their own noise: the catalogue's scatter, or by run.
+
+    Of those that were `measured` what scatters inside a run is in their noise.
+    """
 
     id, title, unit, varies = "stated", "scatter that the model states", "times as stated", "run"
 
-    def __init__(self, model: Model) -> None:
+    def __init__(self, model: Model, *, measured: bool) -> None:
         super().__init__(1.0, f"model {model.title}")
-        self.model = model
+        self.model, self.measured = model, measured
 
     def columns(self, scene: Scene) -> FloatArray:
         """Return a root of the covariance (n·c, n·c) of what it states: it is linear, and so the same in draws."""
         n, c = scene.sigma.shape
         parts = self.model.stated_scatter(scene.conditions)
         covariance = sum((part.covariance(scene.conditions) for part in parts), np.zeros((n * c, n * c)))
+        covariance -= np.diag(within_runs(scene.conditions, parts).ravel()) * self.measured
         size, directions = np.linalg.eigh(covariance)
         return np.asarray((directions * np.sqrt(np.maximum(size, 0.0))).reshape(n, c, n * c))
 
@@ -306,9 +311,9 @@ _STATED = (Tilt, Accelerometer, Heading, Latitude, EarthRate, Gravity, Index, Dr
 """Those whose size the bench file's `uncertainties` have under the source's own id."""
 
 
-def stated_by(model: Model | None, conditions: Conditions) -> tuple[Source, ...]:
+def stated_by(model: Model | None, conditions: Conditions, *, measured: bool) -> tuple[Source, ...]:
     """Return what a model states that these collects scatter by, as a source; none where it states nothing."""
-    return (Stated(model),) if model is not None and model.stated_scatter(conditions) else ()
+    return (Stated(model, measured=measured),) if model is not None and model.stated_scatter(conditions) else ()
 
 
 def sources(

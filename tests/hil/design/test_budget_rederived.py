@@ -16,6 +16,7 @@ from hil.config import load_bench, load_sweep, parse_bench
 from hil.config.sweep import parse_sweep
 from hil.design.budget.budget import Budget, analytic_share, response
 from hil.design.budget.scenes import RunScene, planned_scenes
+from hil.design.budget.sources import stated_by
 from hil.model import Model, load_model
 from hil.model.curve import Constant
 
@@ -185,3 +186,18 @@ def test_what_a_model_states_that_runs_scatter_by_is_a_source() -> None:
         for each in planned_scenes(load_sweep("rd-gc-86-1"), load_bench("simulated"), silent)[2][0].sources
         if each.id == "stated"
     ]
+
+
+def test_what_scatters_inside_a_run_is_in_the_errors_of_what_was_measured() -> None:
+    """And once only: as a source besides it had widened every part of a campaign's budget by as much again."""
+    shipped = load_model("rd-gc-86-1-truth")
+    said = {
+        "run_to_run": {"BA": {"unit": "deg/hr", "value": 2.0}},
+        "collect_to_collect": {"BA": {"unit": "deg/hr", "value": 5.0}},
+    }
+    stating = Model(schema=shipped.schema_, title="t", form="matrix-6", sensors=shipped.sensors, noise={2: said})
+    scene = planned_scenes(load_sweep("recommended"), load_bench("simulated"), stating)[2][0].scene
+    for measured, size in ((True, 2.0), (False, float(np.hypot(2.0, 5.0)))):
+        (source,) = stated_by(stating, scene.conditions, measured=measured)
+        of_a = source.columns(scene)[:, 0]
+        assert np.sqrt(np.sum(of_a**2, axis=1)) == pytest.approx(size, abs=0.4)
