@@ -55,7 +55,7 @@ def suspicions(
         found.append(f"{table.path}, {rows}, column start_s: earlier than the row before; rows should be chronological")
     for number, collects in sensors.items():
         found += _of_sensor(f"{table.path}, sensor {number}", collects, np.asarray(lines[number]), header.campaign)
-    found += _zero_errors(table, sensors)
+    found += _zero_errors(table, sensors, lines)
     return tuple(found)
 
 
@@ -149,28 +149,27 @@ def _across(conditions: Conditions) -> float:
     return math.sqrt(max(EARTH_RATE_DEG_PER_HR**2 - float(np.mean(vertical)) ** 2, 0.0))
 
 
-def _zero_errors(table: Table, sensors: Mapping[int, Collects]) -> list[str]:
-    found = []
-    names = dict.fromkeys(
-        f"{channel}_se_deg_per_hr" for collects in sensors.values() for channel in collects.conditions.sensor.channels
-    )
-    lacking = [name for name in names if name not in table.header or not np.any(table.numbers(name) > 0.0)]
-    if 0 < len(lacking) < len(names):
-        channels = {n: {f"{c}_se_deg_per_hr" for c in own.conditions.sensor.channels} for n, own in sensors.items()}
-        whose = numbered("sensor", [n for n, columns in channels.items() if columns & {*lacking}])
-        found.append(f"{table.path}: there is nothing in {listed(lacking)}: no standard error of {whose} is used")
-    for name in names:
-        if name not in table.header:
-            continue
-        error = table.numbers(name)
-        rates = table.numbers(name.replace("_se_", "_"))
-        zero, empty = error == 0.0, np.isnan(error) & np.isfinite(rates) & np.any(error > 0.0)
-        for rows, what in (
-            (zero, "a standard error of 0 is taken as not stated"),
-            (empty, "no standard error is stated"),
-        ):
-            if rows.any():
-                where = f"{table.path}, {rows_in_words(np.take(table.rows, np.flatnonzero(rows)))}, column {name}"
-                instead = "; the largest of the others stands for it" if np.any(error > 0.0) else ""
-                found.append(f"{where}: {what}{instead}")
-    return found
+def _zero_errors(table: Table, sensors: Mapping[int, Collects], lines: Mapping[int, Sequence[int]]) -> list[str]:
+    found, lacking = [], dict[tuple[str, ...], list[int]]()
+    for number, collects in sensors.items():
+        here = np.isin(table.rows, lines[number])
+        names = [f"{channel}_se_deg_per_hr" for channel in collects.conditions.sensor.channels]
+        stated = {name: table.numbers(name)[here] for name in names if name in table.header}
+        none = tuple(name for name in names if name not in stated or not np.any(stated[name] > 0.0))
+        if 0 < len(none) < len(names):
+            lacking.setdefault(none, []).append(number)
+        for name, error in stated.items():
+            rates, some = table.numbers(name.replace("_se_", "_"))[here], bool(np.any(error > 0.0))
+            instead = "; the largest of the others stands for it" * some
+            for rows, what in (
+                (error == 0.0, "a standard error of 0 is taken as not stated"),
+                (np.isnan(error) & np.isfinite(rates) & some, "no standard error is stated"),
+            ):
+                if rows.any():
+                    where = rows_in_words(np.asarray(table.rows)[here][rows])
+                    found.append(f"{table.path}, {where}, column {name}: {what}{instead}")
+    none_of = [
+        f"{table.path}: there is nothing in {listed(names)}: no standard error of {numbered('sensor', of)} is used"
+        for names, of in lacking.items()
+    ]
+    return none_of + found

@@ -250,7 +250,7 @@ def _seen(shown: SensorRepeats, *, assumed: bool) -> NoiseLevel:
     """Return what repeats, or else the model, scatter by beyond white noise, and means of runs not: see `_level`."""
     every = zip(shown.names, shown.by_noise.beyond.tolist(), shown.spread.degrees, strict=True)
     level = _level({name: beyond for name, beyond, degrees in every if degrees or not shown.repeated})
-    some = level.run_bias_deg_per_hr > 0.0 or bool(_of_g(level))
+    some = any(level.run_scatter.values())
     if shown.repeated:
         whose = "its repeats" + ", within chance" * (some and not np.any(shown.by_noise.certain))
     elif shown.of_means:
@@ -359,6 +359,10 @@ def visibility_text(document: Mapping[str, Any]) -> str:
     """Return a screenful of plain lines from the document hil.visibility/1."""
     seen = [effect for effect in document["effects"] if effect["visible"]]
     seen.sort(key=lambda effect: effect["smallest_visible"]["of_largest_typical"] or math.inf)
+    levels = [of["noise"] for of in document["sensors"].values() if any(of["noise"]["run_scatter"].values())]
+    by_repeats = any("its repeats" in level["source"] for level in levels)
     words = {each.__name__: each for each in (listed, unit_in_words, shape_in_words)}
     known = {"r": document, "seen": seen, "wrong": list(in_words(document)), "no_noise": NO_NOISE, **words}
-    return filled("hil.design.visibility", "text.txt.j2", beyond=_BEYOND, worth=_WORTH, **known).rstrip("\n")
+    return filled(
+        "hil.design.visibility", "text.txt.j2", beyond=_BEYOND, worth=_WORTH, by_repeats=by_repeats, **known
+    ).rstrip("\n")

@@ -93,3 +93,15 @@ def test_a_setpoint_that_the_chamber_did_not_reach_is_said_once(short_degC: floa
     told = [each for each in read_campaign(write_campaign(short, tmp_path / "night")).warnings if "not reached" in each]
     assert len(told) == said
     assert all(f"the air was at {setpoint.min() + short_degC:z.1f} °C where" in each for each in told)
+
+
+def test_the_errors_of_one_sensor_stand_for_none_of_the_other(tmp_path: Path) -> None:
+    """A sensor without any was said to have the largest of the other's: it is solved by its residuals."""
+    one = campaign(9, 3, seed=1)
+    rows = one.sensors[2]
+    other = replace(
+        rows.conditions, sensor=replace(rows.conditions.sensor, number=1), collect=rows.conditions.collect + 99
+    )
+    silent = replace(rows, conditions=other, rates_se_deg_per_hr=np.full(rows.rates_se_deg_per_hr.shape, np.nan))
+    read = read_campaign(write_campaign(replace(one, sensors={1: silent, 2: rows}), tmp_path / "night"))
+    assert not any("standard error" in each for each in read.warnings)
