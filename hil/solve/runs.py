@@ -378,7 +378,7 @@ def _per_noise(solution: Solution, channels: int) -> FloatArray:
 def _assumptions(form: LinearForm, collects: Collects, noise_stated: bool, rebuilt: bool) -> tuple[str, ...]:
     posed = bool(np.isfinite(accelerations_g(collects)).any())
     said = {
-        "f and the earth rate w are taken as given; local gravity is 1 g": True,
+        "f, the earth rate w and the scale factor are taken as given; local gravity is 1 g": True,
         "no mistake is the same in every run (labels, a sign, a channel, the heading): none of these collects shows "
         "it": True,
         "the pose was not measured (no accelerations): that the unit lay as each position says": not posed,

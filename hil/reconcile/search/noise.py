@@ -54,9 +54,10 @@ class Noise:
         self.block, self.conditions = block, conditions
         self.order = in_time(conditions, block.rows)
         rows, channel, run = (own[self.order] for own in (block.rows, block.channel, block.run))
-        self.unit = float(np.mean(np.minimum(block.sigma**2, HUGE * np.median(block.sigma**2))))
+        self.unit = _usual(block.sigma**2)
         self.white = block.sigma[self.order] ** 2 / self.unit
         apart = np.equal.outer(channel, np.unique(channel)).astype(np.float64)
+        self.usual = apart @ np.array([_usual(self.white[own]) for own in apart.T > 0.0])
         self.offset = grouped(apart, run)
         known = [chain_of(part, conditions, rows, channel) for part in stated]
         self.stated = joined([c.scaled(1.0 / np.sqrt(self.unit)) for c in known], len(rows))
@@ -118,7 +119,7 @@ class Noise:
     @cached_property
     def _tried(self) -> list[dict[float, float]]:
         """Sizes of every kind, of an offset, and levels that are tried, with the log prior of each."""
-        levels = LEVELS if np.ptp(self.white) > 1e-6 else {1.0: 1.0}
+        levels = LEVELS if np.ptp(self.white / self.usual) > 1e-6 else {1.0: 1.0}
         left = self.block.y - self.block.base @ np.linalg.lstsq(self.block.base, self.block.y)[0]
         seen = float(np.sqrt(np.mean(left**2) / self.unit))
         offsets = (OFFSETS[0], *sizes_up_to(SHOWN * seen)) if self.has_offsets else OFFSETS[:1]
@@ -282,7 +283,12 @@ class Noise:
         return np.asarray((self.by_station @ self.factor(profile))[np.argsort(self.order)])
 
     def _white(self, level: FloatArray) -> FloatArray:
-        return np.asarray(self.white + level[:, None] * (1.0 - self.white))
+        return np.asarray(self.white + level[:, None] * (self.usual - self.white))
+
+
+def _usual(variance: FloatArray) -> float:
+    """Return the mean of variances (k,), of which one that is huge says nothing of the others'."""
+    return float(np.mean(np.minimum(variance, HUGE * np.median(variance))))
 
 
 def _unit(covariance: FloatArray) -> FloatArray:

@@ -77,3 +77,17 @@ def test_a_size_is_over_all_sets_that_are_likely_by_how_probable_they_are() -> N
     asked = SimpleNamespace(sets=found, names=lambda one: names[one.terms[2][0]])
     shares = {one.terms[2]: share for one, share in _sets_with(cast(Posterior, asked), "MU_rr")}
     assert shares == pytest.approx({(0,): 0.6, (1,): 0.4})
+
+
+@pytest.mark.slow
+def test_a_quiet_channel_stays_quiet_beside_a_loud_one() -> None:
+    """Rows of both are weighed together where a model has terms: the usual error of both was the quiet one's, too."""
+    rng = np.random.default_rng(1)
+    rows = lay_out(rng, (-20.0, 0.0, 20.0, 45.0), 3)
+    errors = np.tile([0.3, 3.0], (len(rows), 1))
+    filed = campaign_of(rows, base_rates(rows) + errors * rng.normal(size=errors.shape)).sensors[2]
+    one = Campaign("unlike", "test, simulated", {2: replace(filed, rates_se_deg_per_hr=errors)}, simulated=True)
+    first = reconcile(one, "matrix-6", prove=False)
+    assert first.model_after is not None
+    for result in (first, reconcile(one, first.model_after, prove=False)):
+        assert [each["observed_deg_per_hr"] for each in result.noise] == pytest.approx([0.3, 3.0], rel=0.1)
