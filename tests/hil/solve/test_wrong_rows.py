@@ -171,9 +171,13 @@ def test_what_a_search_does_otherwise_is_said_by_channel() -> None:
     one = made("one rate far off")
     quick = what_is_wrong(one)["rows"]
     both = [{**quick[0], "channels": ["RA", "RB"]}]
-    assert otherwise(one, quick) == []
-    assert [each.split(" by ")[0] for each in otherwise(one, both)] == ["sensor 2, RA: collect 15: used as measured"]
-    assert [each.split(" by ")[0] for each in otherwise(one, [])] == ["sensor 2, RB: collect 15: left out or mended"]
+    assert otherwise(one, quick, one) == []
+    assert [each.split(" by ")[0] for each in otherwise(one, both, one)] == [
+        "sensor 2, RA: collect 15: used as measured"
+    ]
+    assert [each.split(" by ")[0] for each in otherwise(one, [], one)] == [
+        "sensor 2, RB: collect 15: left out or mended"
+    ]
 
 
 def test_in_a_log_of_many_poses_the_one_that_all_others_contradict_is_left_out() -> None:
