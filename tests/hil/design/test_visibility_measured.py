@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
 from hil.campaign import Campaign, Collects
-from hil.design.visibility.document import campaign_document, visibility_document, visibility_text
-from hil.design.visibility.map import NoiseLevel, visibility
+from hil.design.visibility.document import _seen_better, campaign_document, visibility_document, visibility_text
+from hil.design.visibility.map import NoiseLevel, Sight, visibility
 from hil.model import Model, built_in_model
 from hil.model.effects.catalogue import NO_EARTH_RATE
 from hil.model.forms import default_form, gs_columns
@@ -185,3 +186,14 @@ def test_noise_that_is_larger_at_one_temperature_is_said_to_be() -> None:
         2.0 < noise["at_one_temperature_deg_per_hr"][c] / noise["channels_deg_per_hr"][c] < 6.0 for c in ("RA", "RB")
     )
     assert "at one temperature)" in visibility_text(campaign_document(made, changes=()))
+
+
+@pytest.mark.parametrize(("visible", "better"), [(True, True), (False, False)])
+def test_of_two_sensors_the_size_is_that_of_the_one_that_sees_smaller_ones(visible: bool, better: bool) -> None:
+    """It had been that of which more is left beside the model, be it the restless one: 21.6 for 6.3."""
+    quiet, restless = (
+        cast(Sight, SimpleNamespace(visible=visible, kept=kept, least=least))
+        for kept, least in ((0.5, 1.0), (0.9, 3.0))
+    )
+    assert _seen_better(quiet, restless) == better
+    assert _seen_better(restless, quiet) != better

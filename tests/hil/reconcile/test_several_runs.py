@@ -10,6 +10,8 @@ import pytest
 
 from hil.campaign import Campaign
 from hil.reconcile import reconcile
+from hil.reconcile.outcome.sentences import what_to_do
+from hil.reconcile.scattering import what_scatters
 from hil.solve import repeats, solve_campaign
 from hil.solve.wrong_rows import USED, wrong_rows
 from tests.hil.reconcile.hidden_effects import EIGHT, base_rates, campaign_of, lay_out
@@ -139,3 +141,30 @@ def test_of_few_events_among_many_runs_none_is_more_than_there_are() -> None:
         told = {of["when"] for of in effect.parameters}
         assert {f"in run {run} alone" for run in (5, 14, 20)} <= told
         assert len(told) <= 3 + (seed == 1)  # of which one is as far off by chance
+
+
+def test_a_known_step_is_why_nothing_is_missing_and_nothing_is_doubted() -> None:
+    """It had been "by the noise that the model states", beside runs that hil solve without the model doubts."""
+    rng = np.random.default_rng(1)
+    rows = lay_out(rng, FOUR, 3)
+    rates = base_rates(rows, thermal=False) + rng.normal(0.0, 0.5, (len(rows), 2))
+    rates[:, 0] += 20.0 * (rows.run == 5)
+    made = campaign_of(rows, rates, stated=0.5)
+    after = reconcile(made, "matrix-6", prove=False).model_after
+    assert after is not None
+    again = reconcile(made, after.model_copy(update={"noise": {}}), prove=False)
+    known = "That is by the terms that the model states; hil solve without --model does not pass run 5"
+    assert again.verdict == "none"
+    assert known in what_to_do(again)[1]
+    assert not any("doubts" in note for note in again.notes)
+
+
+def test_an_offset_of_each_run_that_model_yaml_states_certainly_scatters() -> None:
+    """Of rates without errors nothing exceeds any, and scatter had said that nothing certainly scatters."""
+    rng = np.random.default_rng(2)
+    rows = lay_out(rng, FOUR, 3)
+    rates = base_rates(rows, thermal=False) + rng.normal(0.0, 0.5, (len(rows), 2))
+    rates += rng.normal(0.0, 3.0, (13, 2))[rows.run]
+    scatters = what_scatters(campaign_of(rows, rates, stated=None))
+    assert any(each["run_offset_se_deg_per_hr"] for each in scatters.answer.noise)
+    assert not any("nothing certainly scatters" in words for words in scatters.sentences())

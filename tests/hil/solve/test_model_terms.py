@@ -198,8 +198,13 @@ def test_what_changes_from_collect_to_collect_is_in_a_runs_errors(tmp_path: Path
     assert not any(each.exceeds_errors for each in solve_beside(beside(one, loud), loud))
     # And in none of them once more, as from run to run.
     assert beside(one, loud).run_scatter[2]["BA"] == pytest.approx(10.0)
-    white = model(tmp_path, "noise: {2: {collect_to_collect: {BA: {unit: deg/hr, value: 5}}}}\n")
-    assert _planned(white)["noise"]["collect_deg_per_hr"] > 4.0  # type: ignore[index]
+    both = ", ".join(f"{name}: {{unit: deg/hr, value: 5}}" for name in ("BA", "BB"))
+    planned = [
+        sweep_document(load_sweep("recommended"), load_bench("simulated"), model(tmp_path, f"noise: {{2: {of}}}\n"))
+        for of in ("{}", f"{{collect_to_collect: {{{both}}}}}")
+    ]
+    quiet, noisy = (each["sensors"]["2"]["noise"]["collect_deg_per_hr"] for each in planned)  # type: ignore[index]
+    assert noisy == pytest.approx(np.hypot(quiet, 5.0), rel=1e-3)
 
 
 def test_budget_states_a_run_as_solve_does_beside_the_same_model(tmp_path: Path) -> None:
