@@ -108,7 +108,7 @@ class WrongRows:
     other: OtherSensor | None
     off_deg_per_hr: Mapping[tuple[int, int, str], float]
     another: Mapping[str, frozenset[int]]
-    mends: Sequence[Cause] = ()
+    mends: Sequence[Cause]
 
     def as_filed(self, rates: FloatArray) -> FloatArray:
         """Return rates (n, c) that are known where they belong as they would have been filed, mistakes included."""

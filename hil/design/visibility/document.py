@@ -175,11 +175,8 @@ def _planned(conditions: Conditions, model: Model, level: NoiseLevel) -> NoiseLe
     white, parts = model.white_noise(conditions), model.stated_scatter(conditions)
     within = within_runs(conditions, parts)
     collect = np.sqrt((level.collect_deg_per_hr if white is None else white[:, None]) ** 2 + within)
-    level = replace(level, collect_deg_per_hr=float(np.median(collect)))
-    if parts:
-        known = _of_model(_level(scatter_of_runs(conditions, parts)))
-        level = replace(known, collect_deg_per_hr=level.collect_deg_per_hr)
-    return level
+    known = _of_model(_level(scatter_of_runs(conditions, parts))) if parts else level
+    return replace(known, collect_deg_per_hr=float(np.median(collect)))
 
 
 def campaign_document(

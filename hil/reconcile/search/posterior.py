@@ -94,9 +94,9 @@ def likely_sets(search: SensorSearch, *, serve: bool) -> list[Set]:
         known |= _grown(search, [start, *(start[:k] + start[k + 1 :] for k in range(len(start)))], widths)
     if serve:
         known |= _alone(search, list(_again(search, max(known, key=lambda s: known[s]))))
-    served = set[Set]()
-    while serve and (lead := max(known, key=lambda s: known[s])) not in served:
-        served.add(lead)
+    looked_at = set[Set]()
+    while serve and (lead := max(known, key=lambda s: known[s])) not in looked_at:
+        looked_at.add(lead)
         fewer = [lead[:k] + lead[k + 1 :] for k in range(len(lead))]
         search.serve([lead, *fewer])
         known = _alone(search, [s for s in known if known[s] > known[lead] - 2.0 * WORTH or s == ()])
