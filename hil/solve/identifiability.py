@@ -1,6 +1,6 @@
 """What a design can tell, and tell apart: spans, projecting out the base, overlaps, classes, what is seen in words.
 
-    whiten = whitener(conditions, sigma, run_bias)                  # W, with W V Wᵀ = 1
+    whiten = whitener(conditions, sigma, columns, sizes)            # W, with W V Wᵀ = 1
     base = orthonormal(whiten @ base_columns)                       # (N, b)
     seen = visible(whiten @ effect_columns, base, sizes)            # what is left of an effect beside the base
     seen.kept, overlap_table([[seen], [other]])
@@ -59,21 +59,13 @@ class Whitener:
         return np.concatenate(out)
 
 
-def whitener(
-    conditions: Conditions,
-    sigma: FloatArray,
-    run_bias: FloatArray,
-    run_columns: Sequence[tuple[FloatArray, FloatArray | float]] = (),
-) -> Whitener:
+def whitener(conditions: Conditions, sigma: FloatArray, columns: FloatArray, from_run_to_run: FloatArray) -> Whitener:
     """Return what whitens collects with white noise and scatter from run to run.
 
-    `sigma` (n, c) is the standard deviation of each average, NaN where it was not measured, `run_bias` (c,) that of a
-    bias per run and channel; `run_columns` adds parameters that scatter from run to run: pairs of columns (n, c, p) and
-    standard deviation, one or (p,). Raises LinAlgError where a covariance is not positive.
+    `sigma` (n, c) is the standard deviation of each average, NaN where it was not measured, `from_run_to_run` (p,) that
+    of the parameters with these `columns` (n, c, p). Raises LinAlgError where a covariance is not positive.
     """
-    count, channels = sigma.shape
-    biases = flattened(np.broadcast_to(np.diag(np.broadcast_to(run_bias, channels)), (count, channels, channels)))
-    scattering = np.concatenate([biases, *(size * flattened(columns) for columns, size in run_columns)], axis=1)
+    channels, scattering = sigma.shape[1], from_run_to_run * flattened(columns)
     measured = np.flatnonzero(np.isfinite(sigma))
     own = conditions.run[measured // channels]
     by_run = np.split(measured[np.argsort(own, kind="stable")], np.flatnonzero(np.diff(np.sort(own))) + 1)

@@ -153,7 +153,7 @@ def visibility(
     asked, laid = tuple(compress(asked, acts)), [*compress(every_laid, acts)]
     if sigma is None:
         sigma = np.full((len(conditions), len(conditions.sensor.channels)), noise.collect_deg_per_hr)
-    whiten = whitener(conditions, sigma, np.zeros(sigma.shape[1]), [(of_base, noise.from_run_to_run(full.names))])
+    whiten = whitener(conditions, sigma, of_base, noise.from_run_to_run(full.names))
     told = fitted.without(as_zero)
     # What is as zero may be anything in each run.
     own = of_base[..., [full.names.index(name) for name in full.names if name in as_zero]]

@@ -71,7 +71,9 @@ def test_the_search_finds_what_is_promised_and_not_half_of_it(name: str, rows: C
     assert found(name, 0.5 * one.easiest, one, rows, model) < 0.4
 
 
-WHITEN = whitener(ROWS, np.full((len(ROWS), 2), NOISE.collect_deg_per_hr), np.full(2, NOISE.run_bias_deg_per_hr))
+BIASES = np.broadcast_to(np.eye(2), (len(ROWS), 2, 2))
+SIGMA = np.full((len(ROWS), 2), NOISE.collect_deg_per_hr)
+WHITEN = whitener(ROWS, SIGMA, BIASES, np.full(2, NOISE.run_bias_deg_per_hr))
 
 
 SIGMA = np.full((len(ROWS), 2), NOISE.collect_deg_per_hr)

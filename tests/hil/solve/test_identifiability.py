@@ -48,7 +48,9 @@ def test_whitened_noise_has_unit_covariance() -> None:
     mu = flattened(mu_columns(conditions))
     covariance = np.kron(np.ones((len(conditions),) * 2), np.diag([1.8**2, 4.3**2])) + 3.0**2 * mu @ mu.T
     covariance = covariance * same_run + np.diag(np.full(sigma.size, 0.9**2))
-    white = whitener(conditions, sigma, np.array([1.8, 4.3]), [(mu_columns(conditions), 3.0)])
+    biases = np.broadcast_to(np.eye(2), (len(conditions), 2, 2))
+    columns = np.concatenate([biases, mu_columns(conditions)], axis=2)
+    white = whitener(conditions, sigma, columns, np.array([1.8, 4.3, 3.0, 3.0]))
     w = white @ np.eye(sigma.size)
     assert w.shape == (sigma.size - 3, sigma.size)
     assert not w[:, [7, 14, 15]].any()
