@@ -26,13 +26,11 @@ from hil.solve.repeats import SensorRepeats, repeats
 from hil.solve.residuals import noise_left
 from hil.solve.runs import solve_campaign
 from hil.solve.temperatures import runs_by_temperature
-from hil.solve.uncertain import CONFIDENCE, Spread, means_at
+from hil.solve.uncertain import CONFIDENCE, RARE, Spread, means_at
 from procedures.words import counted, listed
 
-FALSE_ALARM = 0.05
-"""The chance that `shared` names any pair at all where the sensors have nothing in common."""
 EXCHANGES = 10_000
-"""Ways to exchange runs that are tried: of 36 pairs each is asked at one in 700."""
+"""Ways to exchange runs that are tried: of 36 pairs each is asked at one in 3 600."""
 
 UNITS = dict(zip(MATRIX_6, (RATE,) * 2 + (PER_G,) * 4, strict=True))
 
@@ -147,8 +145,8 @@ def common_and_differential(campaign: Campaign) -> BothSensors | None:
     one, other = (np.isin(MATRIX_6, np.array(of.names)[of.by_noise.certain]) for of in map(shown.__getitem__, rotors))
     asked = one[:, None] & other
     chance = _of_normal(correlation, degrees) if alike else _of_exchanged(away, group)
-    # Of those asked chance would give any with less than that.
-    rare = np.argwhere(asked & (chance < FALSE_ALARM / max(asked.sum(), 1))).tolist()
+    # Of those asked chance would give any with less than RARE.
+    rare = np.argwhere(asked & (chance < RARE / max(asked.sum(), 1))).tolist()
     told = [SharedPair(MATRIX_6[i], MATRIX_6[j], float(correlation[i, j]), float(chance[i, j])) for i, j in rare]
     shared = tuple(sorted(told, key=lambda pair: pair.p))
     return BothSensors((rotors[0], rotors[1]), common, differential, degrees, same, shared, int(asked.sum()))

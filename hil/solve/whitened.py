@@ -13,7 +13,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from copy import copy
 from functools import lru_cache
 from itertools import compress, product
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -42,8 +42,29 @@ _OF_A_CHANNEL = 20.0  # degrees of freedom that tell its noise as well as is kno
 _LAGS = (1, 2)  # between repeats whose difference is taken
 _APART = 1e-9  # of the square of the largest: directions that are none
 _LOUD = 3.0  # times: so much more repeats hardly scatter at one temperature than at most by chance, or than is typical
+_LINES = 3  # that tell how far values are off them: of fewer it is anyone's guess
 _REPEATED = 3  # collects in one place tell what it shows
 _TOLD = 1e-3  # of what a run's bias or MU shows: where others leave less, they tell nothing of it
+
+
+class _Others(NamedTuple):
+    """What others say of p values of a run, by g temperatures: what they are known `within`, and `usual`, (g, p) each.
+
+    `common` (q, n) is how those that all have in common go from row to row; each of `lines` (r, g) takes a
+    temperature's from between its neighbours', which it is `off` by (r, p) at most, and by a `share` (r, p) of that.
+    """
+
+    within: FloatArray
+    usual: FloatArray
+    common: FloatArray
+    lines: FloatArray
+    off: FloatArray
+    share: FloatArray
+
+    def smooth(self, of_run: BoolArray) -> tuple[FloatArray, FloatArray]:
+        """Return the rows (m, g·q) that q values `of_run` (p,) add for every line, and the squares of their shares."""
+        each = self.lines[:, None, :, None] * np.eye(of_run.sum())[:, None] / self.off[:, of_run, None, None]
+        return each.reshape(-1, self.lines.shape[1] * of_run.sum()), self.share[:, of_run].ravel() ** 2
 
 
 class Whitened:
@@ -91,14 +112,14 @@ class Whitened:
             basis = orthonormal(every[:, free])
             keeps, covariance = np.eye(len(basis)) - basis @ basis.T, np.diag(self.known[rows].reshape(-1) * 1.0)
             if scatter is not None:
-                bound, usual = (every[:, ~free] * of[group_of[run]][~free] for of in scatter[:2])
+                bound, usual = (every[:, ~free] * of[group_of[run]][~free] for of in (scatter.within, scatter.usual))
                 directions, size, _ = np.linalg.svd(keeps @ bound, full_matrices=False)
                 keeps = keeps - directions * (1.0 - 1.0 / np.sqrt(1.0 + size**2)) @ directions.T @ keeps
                 covariance += usual @ usual.T
             self._keeps[run], left[run] = keeps, keeps @ covariance @ keeps.T
-        common = [steady, *([] if scatter is None else own * scatter[2][..., None, None])]
-        along = scatter is not None and len(scatter[2]) < len(groups)
-        curve = steady * scatter[2][:-1, ..., None, None] if scatter is not None and along else steady[:0, None]
+        common = [steady, *([] if scatter is None else own * scatter.common[..., None, None])]
+        along = scatter is not None and len(scatter.common) < len(groups)
+        curve = steady * scatter.common[:-1, ..., None, None] if scatter is not None and along else steady[:0, None]
         steps = steady * at[..., None, None] if len(groups) > 1 else steady[:0, None]
         changes = [*self._places(), *curve, *steps]
         white = self._white(np.concatenate([seen[..., None], steady, *common, *changes], axis=2))
@@ -111,7 +132,12 @@ class Whitened:
         loose = max(_CHANGES * float(np.sqrt(np.median(sizes))), 1e-9)  # of most: one may be wrong
         off_it = np.arange(several) >= several - steady.shape[2] * len(steps) * along
         bounds = loose * np.where(off_it, _CHANGES, 1.0)
-        prior = np.hstack([np.zeros((several, flat.shape[2] - several)), np.diag(1.0 / bounds)])
+        prior, expected = np.zeros((several, flat.shape[2])), np.ones(several)
+        prior[:, flat.shape[2] - several :] = np.diag(1.0 / bounds)
+        if scatter is not None and len(scatter.lines):
+            (lines, shares), before = scatter.smooth(of_run), steady.shape[2]
+            prior = np.vstack([prior, np.pad(lines, ((0, 0), (before, flat.shape[2] - before - lines.shape[1])))])
+            expected = np.append(expected, shares)
         basis = _basis(np.vstack([flattened(flat), prior]))
         self._shown = basis[: seen.size].reshape(*seen.shape, -1)
         self._left = seen - self._shown @ np.einsum("ncq,nc->q", self._shown, seen)
@@ -120,7 +146,8 @@ class Whitened:
         self._freedom_of = {
             run: float(np.trace(of) - np.sum(shown[run] * (of @ shown[run]))) for run, of in left.items()
         }
-        self.freedom = sum(self._freedom_of.values()) + several - float(np.sum(basis[seen.size :] ** 2))
+        left_free = expected @ (1.0 - np.sum(basis[seen.size :] ** 2, axis=1))
+        self.freedom = sum(self._freedom_of.values()) + float(left_free)
 
     def louder(self, runs: Collection[int]) -> Iterator[tuple[float, Self]]:
         """Yield them as they are if a temperature of some of the runs is noisier than they tell, with its log odds.
@@ -247,7 +274,7 @@ def _scatter(
     seen: FloatArray,
     groups: Sequence[tuple[float | None, Sequence[int]]],
     common: FloatArray,
-) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+) -> _Others | None:
     """Return what a run's parameters are known within by those of others; None where too few tell of each other.
 
     That is more than their scatter, for of few nobody knows it well, but no more than is typical at most where it is
@@ -266,12 +293,12 @@ def _scatter(
             errors.append(np.sqrt(np.diag(np.linalg.inv(design.T @ design))))
     repeated = [[values[run] for run in of if run in values] for _, of in groups]
     degrees_of = np.array([max(len(of) - 1, 0) for of in repeated], dtype=np.float64)
-    degrees = float(degrees_of.sum())
+    degrees, lines = float(degrees_of.sum()), (np.zeros((0, len(groups))), *np.zeros((2, 0, len(names))))
     apart_in = [[one - other for lag in _LAGS for one, other in zip(of, of[lag:], strict=False)] for of in repeated]
     apart = [each for of in apart_in for each in of]
     typical = np.array([typical_scatter(name, conditions.sensor) for name in names])
+    degC = np.array([at for at, _ in groups], dtype=np.float64)
     if degrees < _LEAST:
-        degC = np.array([at for at, _ in groups], dtype=np.float64)
         met = [k for k, of in enumerate(repeated) if of]
         if len(met) - 2 < _LEAST or not np.isfinite(degC).all():
             return None
@@ -279,6 +306,8 @@ def _scatter(
         order, degrees = min(_CURVE, (len(met) - _LEAST) // 2), float(len(met) - 2)
         common = np.vander((degC - degC.mean()) / np.ptp(degC), order + 1).T @ common
         typical[:] = 0.0  # what is off a curve is also what the curve of a unit is off one of that order
+    else:
+        lines = _from_neighbours(degC, repeated)
     least = np.maximum(1.0 / np.sqrt(1.0 + degrees / _LEAST), np.median(errors, axis=0))
     gone_to = [(degC, [values[run] for run in runs if run in values]) for degC, runs in visits(conditions)]
     of_visits = [[np.mean(of, axis=0) for degC, of in gone_to if degC == at and of] for at, _ in groups]
@@ -297,12 +326,38 @@ def _scatter(
     by_chance = _BY_CHANCE * np.median(errors, axis=0)
     known = np.isfinite(typical) & (degrees >= _FEW)
     changes = of_run | (known & (by_chance < least) & (least < _LOUD * typical))
-    return within * changes, scatter * changes, common
+    return _Others(within * changes, scatter * changes, common, *lines)
 
 
 def _most_are_within(apart: Sequence[FloatArray]) -> FloatArray:
     """Return the scatter (p,) of values by differences of two, (p,) each, which a few that are wrong do not move."""
     return np.asarray(_SIGMA * np.quantile(np.abs(np.array(apart)), _SHARE, axis=0, method="lower"))
+
+
+def _from_neighbours(
+    degC: FloatArray, values: Sequence[Sequence[FloatArray]]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return lines (r, g) that each take a temperature's values from between its neighbours', with `off` and `share`.
+
+    They are off by what is usual; or, where no choice of their runs is as near, by what the nearest is: there values
+    bend. What one run alone makes of a line says nothing of that: it is off as the farthest of the others.
+    """
+    met = [k for k, of in enumerate(values) if of and np.isfinite(degC[k])]
+    if len(met) - 2 < _LINES:
+        return np.zeros((0, len(degC))), *np.zeros((2, 0, 0))
+    usual = _most_are_within(_off_a_line([(float(degC[k]), np.median(values[k], axis=0)) for k in met]))
+    lines, nearest = np.zeros((len(met) - 2, len(degC))), []
+    for line, near in zip(lines, zip(met, met[1:], met[2:], strict=False), strict=True):
+        below, own, above = near
+        share = (degC[own] - degC[below]) / (degC[above] - degC[below])
+        line[[*near]] = share - 1.0, 1.0, -share
+        one, other = (np.array([of(values[k], axis=0) for k in near]) * line[[*near], None] for of in (np.min, np.max))
+        nearest.append(np.maximum(np.minimum(one, other).sum(axis=0), -np.maximum(one, other).sum(axis=0)))
+    of_one = np.any(lines[:, [len(of) < 2 for of in values]] != 0.0, axis=1)
+    far = np.maximum(np.array(nearest), usual)
+    far[of_one] = np.max(far[~of_one], axis=0, initial=0.0) if not of_one.all() else usual
+    off = np.maximum(far, usual * (1.0 + _FEW / len(lines)))
+    return lines, off, far / off
 
 
 def _off_a_line(known: Sequence[tuple[float, FloatArray]]) -> list[FloatArray]:

@@ -6,7 +6,7 @@ run with which nothing can be compared, what `hil solve` says of it.
 
 import itertools
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache, partial
 
 import numpy as np
@@ -20,10 +20,12 @@ from hil.reconcile.search.problem import SensorProblem
 from hil.reconcile.search.terms import Term
 from hil.solve.asked import OtherSensor
 from hil.solve.causes import AS_IT_LAY
+from hil.solve.identifiability import kept_shares, orthonormal
 from hil.solve.rows import Block
 from hil.solve.temperatures import runs_by_temperature
 from hil.solve.wrong_rows import MENDED, USED, Wrong, wrong_rows
 
+EXACTLY = 1e-6  # of its size: what is left of a column that is another's
 NEIGHBOURS = 4  # rows to either side, in the same position, that say what a row should be
 
 
@@ -104,7 +106,8 @@ class AsSolved:
     What it is not certain of, and so leaves as it is filed, is among them: a search knows more.
 
     `other` is what another sensor shows in the same collects. `alone` are the runs that it cannot compare with others,
-    `doubted` are rows that do not agree with others and that it uses all the same.
+    `doubted` are rows that do not agree with others and that it uses all the same, `another` by parameter the runs of
+    which that was another.
     """
 
     filed: Collects
@@ -113,6 +116,7 @@ class AsSolved:
     rows: Sequence[Wrong]
     alone: Collection[int] = ()
     doubted: Sequence[Wrong] = ()
+    another: Mapping[str, Collection[int]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, campaign: Campaign, number: int) -> "AsSolved":
@@ -120,7 +124,8 @@ class AsSolved:
         filed, solved = campaign.sensors[number], wrong_rows(campaign)[number]
         every = (*solved.rows, *solved.may_be)
         rows, doubted = ([row for row in every if (row.done == USED) is used] for used in (False, True))
-        return cls(filed, solved.likeliest.rates_deg_per_hr, solved.other, rows, solved.not_compared, doubted)
+        laid, alone = solved.likeliest.rates_deg_per_hr, solved.not_compared
+        return cls(filed, laid, solved.other, rows, alone, doubted, solved.another)
 
     @property
     def told(self) -> list[int]:
@@ -156,7 +161,8 @@ class AsSolved:
     def among(self, terms: Sequence[Term]) -> list[tuple[int, ...]]:
         """Return the places of the terms that do the same: put right what it does, and leave out what it does.
 
-        And with runs left out whole that it puts right or doubts: of several wrong alike no single one shows by itself.
+        And with runs left out whole that it puts right or doubts, or with what such a run had of its own: of several
+        that are wrong alike no single one shows by itself.
         """
         mistakes = [(j, term.candidate) for j, term in enumerate(terms) if term.is_mistake]
         exchanged = [(j, of.columns[..., 0]) for j, of in mistakes if of.effect is not None]
@@ -176,7 +182,18 @@ class AsSolved:
                     there &= ~here
         right = {j for j, _ in exchanged}
         whole = self._whole([(j, of) for j, of in mistakes if j not in right], [terms[j] for j in chosen & right])
-        return list(dict.fromkeys(tuple(sorted(each)) for each in (chosen, whole | chosen - right) if each))
+        own = {j for name, runs in self.another.items() for run in runs for j in self._of_its_own(terms, name, run)}
+        every = (chosen, whole | chosen - right, own | chosen)
+        return list(dict.fromkeys(tuple(sorted(each)) for each in every if each))
+
+    def _of_its_own(self, terms: Sequence[Term], name: str, run: int) -> list[int]:
+        """Return the place of the likeliest effect that makes one parameter another in a run, and in no other."""
+        conditions = self.filed.conditions
+        form, own = default_form(conditions), (conditions.run == run)[:, None]
+        column = (form.columns(conditions)[..., form.names.index(name)] * own).reshape(-1, 1)
+        events = [(j, t.candidate.columns) for j, t in enumerate(terms) if t.tier == 1 and t.event is not None]
+        does = [j for j, of in events if kept_shares(orthonormal(of.reshape(len(column), -1)), column)[0] < EXACTLY]
+        return sorted(does, key=lambda j: -terms[j].log_odds)[:1]
 
     def _whole(self, spoiled: Sequence[tuple[int, Candidate]], put_right: Sequence[Term]) -> set[int]:
         """Return the places of what leaves out, in a channel, each run that it puts right, or each that it doubts."""

@@ -15,6 +15,7 @@ from hil.reconcile.scattering import what_scatters
 from hil.solve import repeats, solve_campaign
 from hil.solve.wrong_rows import USED, wrong_rows
 from tests.hil.reconcile.hidden_effects import EIGHT, base_rates, campaign_of, lay_out
+from tests.hil.solve.test_neighbours import night
 
 FOUR = (0.0, 20.0, 40.0, 60.0)
 OF = {"jump": ("BA", "J_A", 60.0, (2, 7, 12)), "MU_jump": ("MUA", "JMUA", 17.0, (2, 6, 9))}
@@ -168,3 +169,10 @@ def test_an_offset_of_each_run_that_model_yaml_states_certainly_scatters() -> No
     scatters = what_scatters(campaign_of(rows, rates, stated=None))
     assert any(each["run_offset_se_deg_per_hr"] for each in scatters.answer.noise)
     assert not any("nothing certainly scatters" in words for words in scatters.sentences())
+
+
+def test_two_of_three_runs_that_are_others_alike_are_told_and_not_the_third() -> None:
+    """Of any two each hides the other: a jump that stays, at the third, had explained more than either alone."""
+    made = night(5, 3, {10: 60.0, 11: 60.0})
+    (jump, *_) = reconcile(made, "matrix-6", prove=False).effects
+    assert (jump.id, {of["when"].split()[2] for of in jump.parameters}) == ("jump", {"10", "11"})

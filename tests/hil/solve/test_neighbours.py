@@ -1,0 +1,55 @@
+"""Temperatures tell of each other: of runs that differ at one, those are right that lie between what others show."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hil.campaign import Campaign
+from hil.solve.wrong_rows import USED, wrong_rows
+from tests.hil.reconcile.hidden_effects import campaign_of, lay_out
+
+AT = (-30.0, -14.0, -6.0, 6.0, 24.0, 38.0, 49.0, 60.0)
+
+
+def night(seed: int, each: int, bias: dict[int, float], *, bend: float = 2.0) -> Campaign:
+    """Settled runs of collects 1-2-3 whose values bend over temperature, with so much more bias of RA in some runs."""
+    rng = np.random.default_rng(seed)
+    rows = lay_out(rng, AT, each, ("1", "2", "3"))
+    rows.temperature = rows.setpoint + rng.normal(0.0, 0.05, len(rows))
+    t, (fa, fb, fs) = (rows.setpoint - 20.0) / 40.0, rows.f.T
+    gs, mu = 60.0 + 9.0 * t, 4.0 + 5.0 * t - bend * t**2
+    own = 20.0 - 6.0 * t + bend * t**2 + np.array([bias.get(run, 0.0) for run in rows.run.tolist()])
+    rates = np.stack([own + gs * fa - 25.0 * fb + mu * fs, -5.0 + 8.0 * t + 25.0 * fa + gs * fb - mu * fs], 1)
+    rates += rows.w[:, :2] + rng.normal(0.0, 0.5, rates.shape)
+    return campaign_of(rows, rates + rng.normal(0.0, 0.8, (rows.run.max() + 1, 2))[rows.run], stated=0.5)
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(("each", "wrong"), [(3, (10, 11)), (3, (23, 24)), (2, (8,)), (2, (1,))])
+def test_of_runs_that_differ_those_are_wrong_that_other_temperatures_contradict(
+    each: int, wrong: tuple[int, ...], seed: int
+) -> None:
+    """Two of three alike, and one of two: by themselves they accuse the third, or cannot tell which it is."""
+    found = wrong_rows(night(seed, each, dict.fromkeys(wrong, 60.0)))[2]
+    assert {(row.run, row.done) for row in found.rows} == {(run, USED) for run in wrong}
+    assert found.another == {"BA": frozenset(wrong)}
+
+
+@pytest.mark.parametrize("bend", [2.0, 20.0])
+@pytest.mark.parametrize("each", [2, 3])
+def test_a_temperature_at_which_all_runs_are_others_accuses_none(each: int, bend: float) -> None:
+    """It is the unit's value there; and what bends everywhere bends more than most at some temperature."""
+    alike = {each * 3 + k: 60.0 for k in range(1, each + 1)}
+    assert [wrong_rows(night(seed, each, alike, bend=bend))[2].rows for seed in range(3)] == [()] * 3
+
+
+def test_a_run_that_alone_is_left_of_its_temperature_is_compared_with_others() -> None:
+    """Once it stood for itself, and was a PASS 60 deg/hr from what its neighbours show."""
+    one = night(4, 3, {12: 60.0})
+    rows = one.sensors[2].rows(~np.isin(one.sensors[2].conditions.run, (10, 11)))
+    found = wrong_rows(replace(one, sensors={2: rows}))[2]
+    assert [row.run for row in found.rows] == [12]
+    assert found.not_compared == {}
