@@ -192,8 +192,8 @@ def between_runs(
         places = [(jump.before, jump.after) for jump in jumps.values()] if places is None else []
     # What is in no mean is the same, whether a run alone was another or something jumped beside it.
     ends = {n: {j.before, j.after} for n, j in jumps.items() if j.alone}
-    beside = [n for n, of in ends.items() if len(of) > 1 and of & another.get(n, frozenset())]
     more = {n for n, of in ends.items() if another.get(n, frozenset()) - of}
+    beside = [n for n, of in ends.items() if n not in more and len(of) > 1 and of & another.get(n, frozenset())]
     if unexplained := {n: of for n, of in another.items() if n in {*beside, *more} or n not in {*follow, *jumps}}:
         out = np.array([[run in unexplained.get(name, ()) for name in units] for run in number.tolist()])
         rest = between_runs(units, number.tolist(), np.where(out, np.nan, values), errors, conditions)

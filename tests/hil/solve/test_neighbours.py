@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from hil.campaign import Campaign
+from hil.solve import solve_campaign
 from hil.solve.wrong_rows import USED, wrong_rows
+from procedures.verdict import Verdict
 from tests.hil.reconcile.hidden_effects import campaign_of, lay_out
 
 AT = (-30.0, -14.0, -6.0, 6.0, 24.0, 38.0, 49.0, 60.0)
@@ -33,9 +35,15 @@ def test_of_runs_that_differ_those_are_wrong_that_other_temperatures_contradict(
     each: int, wrong: tuple[int, ...], seed: int
 ) -> None:
     """Two of three alike, and one of two: by themselves they accuse the third, or cannot tell which it is."""
-    found = wrong_rows(night(seed, each, dict.fromkeys(wrong, 60.0)))[2]
+    one = night(seed, each, dict.fromkeys(wrong, 60.0))
+    found = wrong_rows(one)[2]
     assert {(row.run, row.done) for row in found.rows} == {(run, USED) for run in wrong}
     assert found.another == {"BA": frozenset(wrong)}
+    doubted = {run: of.reason for of in solve_campaign(one) if of.verdict is Verdict.MARGINAL for run in of.runs}
+    assert {*wrong} <= doubted.keys()
+    if len(wrong) > 1:  # of one alone nobody knows whether all after it are as it was
+        assert {*wrong} == doubted.keys()
+        assert not any("jump" in why for why in doubted.values())
 
 
 @pytest.mark.parametrize("bend", [2.0, 20.0])
