@@ -42,6 +42,8 @@ _OF_A_CHANNEL = 20.0  # degrees of freedom that tell its noise as well as is kno
 _LAGS = (1, 2)  # between repeats whose difference is taken
 _APART = 1e-9  # of the square of the largest: directions that are none
 _LOUD = 3.0  # times: so much more repeats hardly scatter at one temperature than at most by chance, or than is typical
+_SEVERAL = 5  # values at one temperature stand for all
+_AS_NEAR = 2.0  # times what is left with the best: values with which no more is left may as well be right
 _LINES = 3  # that tell how far values are off them: of fewer it is anyone's guess
 _REPEATED = 3  # collects in one place tell what it shows
 _TOLD = 1e-3  # of what a run's bias or MU shows: where others leave less, they tell nothing of it
@@ -339,25 +341,42 @@ def _from_neighbours(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return lines (r, g) that each take a temperature's values from between its neighbours', with `off` and `share`.
 
-    They are off by what is usual; or, where no choice of their runs is as near, by what the nearest is: there values
-    bend. What one run alone makes of a line says nothing of that: it is off as the farthest of the others.
+    They are off by what is usual, or by what is left of them with that run at each temperature with which least is:
+    there values bend. Where one run is alone, and that is more than of all others, the line tells nothing.
     """
     met = [k for k, of in enumerate(values) if of and np.isfinite(degC[k])]
     if len(met) - 2 < _LINES:
         return np.zeros((0, len(degC))), *np.zeros((2, 0, 0))
     usual = _most_are_within(_off_a_line([(float(degC[k]), np.median(values[k], axis=0)) for k in met]))
-    lines, nearest = np.zeros((len(met) - 2, len(degC))), []
-    for line, near in zip(lines, zip(met, met[1:], met[2:], strict=False), strict=True):
-        below, own, above = near
+    lines = np.zeros((len(met) - 2, len(degC)))
+    for line, (below, own, above) in zip(lines, zip(met, met[1:], met[2:], strict=False), strict=True):
         share = (degC[own] - degC[below]) / (degC[above] - degC[below])
-        line[[*near]] = share - 1.0, 1.0, -share
-        one, other = (np.array([of(values[k], axis=0) for k in near]) * line[[*near], None] for of in (np.min, np.max))
-        nearest.append(np.maximum(np.minimum(one, other).sum(axis=0), -np.maximum(one, other).sum(axis=0)))
-    of_one = np.any(lines[:, [len(of) < 2 for of in values]] != 0.0, axis=1)
-    far = np.maximum(np.array(nearest), usual)
-    far[of_one] = np.max(far[~of_one], axis=0, initial=0.0) if not of_one.all() else usual
-    off = np.maximum(far, usual * (1.0 + _FEW / len(lines)))
+        line[[below, own, above]] = share - 1.0, 1.0, -share
+    far = np.maximum(_left_of([*lines[:, met]], [np.array(values[k]) for k in met]), usual)
+    least = usual * (1.0 + _FEW / len(lines))
+    of_one, off = np.any(lines[:, [len(of) < 2 for of in values]] != 0.0, axis=1)[:, None], np.maximum(far, least)
+    off = np.where(of_one & (off > np.max(off, axis=0, where=~of_one, initial=0.0)) & (off > least), np.inf, off)
     return lines, off, far / off
+
+
+def _left_of(lines: Sequence[FloatArray], values: Sequence[FloatArray]) -> FloatArray:
+    """Return what lines (r, g) leave at most (r, p) with values (m, p) at g = r + 2 places that are nearly the best.
+
+    One is chosen of those at each place. A line is of three places that are next to each other, so that what is best of
+    all before it, and of all after it, goes by two.
+    """
+    some = [np.quantile(of, np.linspace(0.0, 1.0, min(len(of), _SEVERAL)), axis=0, method="nearest") for of in values]
+    left = []
+    for j, line in enumerate(lines):
+        one, other, third = (line[j + k] * some[j + k] for k in range(3))
+        left.append(np.abs(one[:, None, None] + other[:, None] + third))
+    before, after = [np.zeros_like(left[0][:, :, 0])], [np.zeros_like(left[-1][0])]
+    for here, back in zip(left, reversed(left), strict=True):
+        before.append(np.min(before[-1][:, :, None] + here, axis=0))
+        after.append(np.min(back + after[-1], axis=2))
+    every = [first[:, :, None] + here + last for first, here, last in zip(before, left, after[-2::-1], strict=False)]
+    near = [total <= _AS_NEAR * total.min(axis=(0, 1, 2)) for total in every]
+    return np.array([np.max(of, axis=(0, 1, 2), where=own, initial=0.0) for of, own in zip(left, near, strict=True)])
 
 
 def _off_a_line(known: Sequence[tuple[float, FloatArray]]) -> list[FloatArray]:

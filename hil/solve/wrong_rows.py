@@ -26,6 +26,7 @@ from hil.solve.causes import OWN, Cause, all_of
 from hil.solve.explained import HARDLY, Explained, Together, beyond_others, lost, mended
 from hil.solve.least_squares import solve
 from hil.solve.precision import stated_noise, with_every_error
+from hil.solve.temperatures import runs_by_temperature
 from procedures.verdict import Judgement, Verdict, combine
 from procedures.words import listed, numbered, significant
 
@@ -51,6 +52,7 @@ _DONE = {
     ),
 }
 """What is done about a cause, the verdict of its run at best, what is said of it and of what is done; `_AS_FILED`."""
+_WHICH = ": most runs there contradict each other, and nothing tells that these are right"
 _FEW = 4  # things that may be wrong are named
 _TOLD = 1e-6  # deg/hr: less is what arithmetic leaves of a channel of which nothing is told
 _ALIKE = 0.01  # chance of rates as far from those of another position, from which on the unit may have lain there
@@ -169,6 +171,10 @@ def _told(together: Together, k: int, known: Sequence[Wrong], failed: Set[int]) 
             judged.setdefault(run, []).append(judgement)
             rows.append(wrong)
         collects = mended(collects, each.likeliest) if each.likeliest is not None else collects
+    for gone, left in _left_alone(filed, lost(found)):
+        why = f"{numbered('run', gone)} of its temperature {'is' if len(gone) == 1 else 'are'} left out{_WHICH}"
+        for run in left:
+            judged.setdefault(run, []).append(Judgement(Verdict.MARGINAL, why))
     every = {run: combine(several) for run, several in judged.items()}
     # A search meets one thing by itself, with its rivals; two that hide each other it would not.
     hidden = [next((way for way in each.ways if len(way) > 1), ()) for each in found if each.likeliest is None]
@@ -199,6 +205,14 @@ def _told(together: Together, k: int, known: Sequence[Wrong], failed: Set[int]) 
         another=another,
         mends=mends,
     )
+
+
+def _left_alone(filed: Collects, gone: Set[int]) -> Iterator[tuple[list[int], list[int]]]:
+    """Yield the runs that are `gone` from a temperature, and those that are left there, where most are gone."""
+    for _, runs in runs_by_temperature(filed.conditions):
+        out, left = [run for run in runs if run in gone], [run for run in runs if run not in gone]
+        if left and len(out) > len(left):
+            yield out, left
 
 
 def _of_its_own(filed: Collects, cause: Cause) -> list[str]:

@@ -54,10 +54,38 @@ def test_a_temperature_at_which_all_runs_are_others_accuses_none(each: int, bend
     assert [wrong_rows(night(seed, each, alike, bend=bend))[2].rows for seed in range(3)] == [()] * 3
 
 
-def test_a_run_that_alone_is_left_of_its_temperature_is_compared_with_others() -> None:
-    """Once it stood for itself, and was a PASS 60 deg/hr from what its neighbours show."""
-    one = night(4, 3, {12: 60.0})
+def test_a_run_alone_at_its_temperature_is_told_by_its_neighbours_as_far_as_these_are_near() -> None:
+    """Farther off than any other it may be the unit that bends there: nobody can tell, which is said."""
+    for off, told in ((60.0, {12: ("BA",)}), (0.0, {})):
+        one = night(4, 3, {12: off})
+        rows = one.sensors[2].rows(~np.isin(one.sensors[2].conditions.run, (10, 11)))
+        found = wrong_rows(replace(one, sensors={2: rows}))[2]
+        assert (found.rows, found.not_compared) == ((), told)
+
+
+def test_of_runs_that_all_contradict_each_other_the_one_that_is_left_is_no_pass() -> None:
+    """One temperature at which rates are noisy: two runs were left out, and the third was as good as any."""
+    one, rng = night(1, 3, {}), np.random.default_rng(1)
+    rates = one.sensors[2].rates_deg_per_hr.copy()
+    here = np.isin(one.sensors[2].conditions.run, (13, 14, 15))
+    rates[here] += rng.normal(0.0, 25.0, (here.sum(), 2))
+    noisy = replace(one, sensors={2: replace(one.sensors[2], rates_deg_per_hr=rates)})
+    assert {run: of.verdict is Verdict.PASS for of in solve_campaign(noisy) for run in of.runs} == {
+        run: run not in (13, 14, 15) for run in range(1, 25)
+    }
+
+
+@pytest.mark.parametrize("seed", [1, 4, 19])
+def test_a_jump_between_two_runs_of_a_temperature_accuses_neither(seed: int) -> None:
+    """All before it are as the one, all after it as the other."""
+    found = wrong_rows(night(seed, 2, dict.fromkeys(range(8, 17), 20.0)))[2]
+    assert found.another == {}
+    assert all("cannot tell" in row.why for row in found.rows)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_bends_at_a_temperature_that_has_one_run_accuses_none(seed: int) -> None:
+    """A resonance, of 20 deg/hr, at the only run there."""
+    one = night(seed, 3, dict.fromkeys((10, 11, 12), 20.0))
     rows = one.sensors[2].rows(~np.isin(one.sensors[2].conditions.run, (10, 11)))
-    found = wrong_rows(replace(one, sensors={2: rows}))[2]
-    assert [row.run for row in found.rows] == [12]
-    assert found.not_compared == {}
+    assert wrong_rows(replace(one, sensors={2: rows}))[2].rows == ()
