@@ -13,7 +13,7 @@ from hil.campaign import FloatArray, IntArray
 from hil.model.effects.data import of_a_run, put_right
 from hil.model.effects.prior import COMMON, log_sum
 from hil.solve.causes import ODDS, OWN, TOLD, WIDE, Cause, Runs, Tried, Ways, explained, made_again, off_along, some_of
-from hil.solve.temperatures import visits
+from hil.solve.temperatures import runs_by_temperature, visits
 from hil.solve.whitened import Whitened
 
 DOUBTED = 0.5
@@ -96,7 +96,7 @@ class Asked:
         if self.rates.freedom < 1.0:
             return 0.0, 1.0, []
         singly = [some_of(each, np.isin(each.runs, each.runs if run is None else run)) for each in self._tried()]
-        ways = [*(each.ways() for each in singly), *self._twice(singly), *self._again(singly)]
+        ways = [*(each.ways() for each in singly), *self._twice(singly), *self._alike(singly), *self._again(singly)]
         found = self._posterior(ways, most)
         return self._posterior([*ways, *self._another(singly)]) if found[1] < DOUBTED and run is None else found
 
@@ -158,8 +158,31 @@ class Asked:
             every = [(each, k) for each, _ in several for k in range(len(each.left))]
             left = alone[near, None] + alone[near] - self.rates.squares - 2.0 * shown[near] @ shown[near].T
             i, j = np.nonzero(np.triu(left < np.minimum(alone[near, None], alone[near]), 1))
-            both = partial(_both, every, near[i], near[j])
+            both = partial(_both, every, near[i], near[j], None)
             yield log_odds[near[i]] + made_again(2, runs), left[i, j], both
+
+    def _alike(self, singly: Sequence[Tried]) -> Iterator[Ways]:
+        """Yield rates of one place, off by the same in two of several runs of a temperature: each hides the other."""
+        places: dict[tuple[int, ...], list[tuple[Tried, int]]] = {}
+        for each in singly:
+            if each.what == "rate" and len(each.left):
+                places.setdefault(each.values, []).extend((each, k) for k in range(len(each.left)))
+        conditions = self.rates.collects.conditions
+        groups = [of for _, of in runs_by_temperature(conditions) if len(of) > _LEAST_RUNS]
+        at = {run: k for k, of in enumerate(groups) for run in of}
+        for of in places.values() if at else ():
+            every = sorted(of, key=lambda one: one[0].left[one[1]])[:_TOGETHER]
+            several, log_odds = _Several.of(self.rates, every), np.array([each.log_odds[k] for each, k in every])
+            size, product, shown = several.squares[:, 0], several.products, several.shown[..., 0]
+            group = np.array([at.get(int(each.runs[k]), -1 - i) for i, (each, k) in enumerate(every)])
+            i, j = np.nonzero(np.triu((several.visit[:, None] != several.visit) & (group[:, None] == group), 1))
+            both = size[i] + size[j] - 2.0 * np.sum(shown[i] * shown[j], axis=1, keepdims=True)
+            off = (product[i] + product[j]) / np.maximum(both, TOLD)
+            less, paid = explained(np.where(both > TOLD, both, 0.0), off)
+            alone, had = explained(size, product / size)
+            better = np.flatnonzero(less > np.maximum(alone[i], alone[j]))
+            odds, left = (log_odds + had)[i] + (log_odds + had)[j] - paid, self.rates.squares - less
+            yield odds[better], left[better], partial(_both, every, i[better], j[better], off[better])
 
     def _again(self, singly: Sequence[Tried]) -> Iterator[Ways]:
         """Yield what several runs have of their own: alone, each is hidden by what the others make of the noise.
@@ -168,7 +191,7 @@ class Asked:
         """
         alike: dict[str, list[tuple[Tried, int]]] = {}
         for each in singly:
-            if each.along is not None and len(each.left):
+            if each.what in OWN and len(each.left):
                 alike.setdefault(each.what, []).extend((each, k) for k in range(len(each.left)))
         runs = len(self.rates.collects.conditions.of_each_run)
         for of in alike.values():
@@ -367,6 +390,8 @@ def _in_common(log_odds: float, elsewhere: float | None) -> float:
     return both - float(np.logaddexp(0.0, log_odds + alone + elsewhere))
 
 
-def _both(every: Sequence[tuple[Tried, int]], i: IntArray, j: IntArray, k: int) -> tuple[Cause, Cause]:
-    (first, one), (second, other) = every[i[k]], every[j[k]]
-    return first.one(one), second.one(other)
+def _both(
+    every: Sequence[tuple[Tried, int]], i: IntArray, j: IntArray, off: FloatArray | None, k: int
+) -> tuple[Cause, Cause]:
+    (first, one), (second, other), by = every[i[k]], every[j[k]], None if off is None else off[k]
+    return first.one(one, by), second.one(other, by)

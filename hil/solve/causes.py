@@ -81,8 +81,8 @@ class Tried:
     """Causes (t,) of one sort, each in one of `runs` (t,), which have `rows` (t, k), at a `place` (t, q) among these.
 
     `off` (t, c) and `instead` (t, k, c) are those of the causes, `moved` (t, k·c) is how each moves its run's rates. Of
-    what a run has of its own, `values` says which, and `along` (t, k·c, q) and `size` (t, c, q) what each of these does
-    to its rates, and by how much, deg/hr, to that which is off most.
+    what several runs may have, `values` says which it is, and `along` (t, k·c, q) and `size` (t, c, q) what each of
+    these does to its rates, and by how much, deg/hr, to that which is off most.
     """
 
     what: str
@@ -158,7 +158,8 @@ class Runs:
         for row in range(rows):
             own = unit[:, row * channels : (row + 1) * channels]
             for c in range(channels):
-                yield from some_of(self, self.known[:, row, c]).anywhere("rate", own[:, [c]], (c,), row)
+                told = some_of(self, self.known[:, row, c])
+                yield from told.anywhere("rate", own[:, [c]], (c,), row, (row * channels + c,))
             yield from some_of(self, self.known[:, row].sum(axis=1) > 1).anywhere("collect", own, (), row)
 
     def of_its_own(self) -> Iterator[Tried]:

@@ -309,7 +309,7 @@ def _scatter(
         common = np.vander((degC - degC.mean()) / np.ptp(degC), order + 1).T @ common
         typical[:] = 0.0  # what is off a curve is also what the curve of a unit is off one of that order
     else:
-        lines = _from_neighbours(degC, repeated)
+        lines = _from_neighbours(degC, repeated, np.median(errors, axis=0))
     least = np.maximum(1.0 / np.sqrt(1.0 + degrees / _LEAST), np.median(errors, axis=0))
     gone_to = [(degC, [values[run] for run in runs if run in values]) for degC, runs in visits(conditions)]
     of_visits = [[np.mean(of, axis=0) for degC, of in gone_to if degC == at and of] for at, _ in groups]
@@ -337,17 +337,19 @@ def _most_are_within(apart: Sequence[FloatArray]) -> FloatArray:
 
 
 def _from_neighbours(
-    degC: FloatArray, values: Sequence[Sequence[FloatArray]]
+    degC: FloatArray, values: Sequence[Sequence[FloatArray]], noise: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return lines (r, g) that each take a temperature's values from between its neighbours', with `off` and `share`.
 
-    They are off by what is usual, or by what is left of them with that run at each temperature with which least is:
-    there values bend. Where one run is alone, and that is more than of all others, the line tells nothing.
+    They are off by what is usual, no less than a run's `noise` (p,), or by what is left of them with that run at each
+    temperature with which least is: there values bend. Where one run is alone, and that is more than of all others, the
+    line tells nothing.
     """
     met = [k for k, of in enumerate(values) if of and np.isfinite(degC[k])]
     if len(met) - 2 < _LINES:
         return np.zeros((0, len(degC))), *np.zeros((2, 0, 0))
-    usual = _most_are_within(_off_a_line([(float(degC[k]), np.median(values[k], axis=0)) for k in met]))
+    middle = [(float(degC[k]), np.median(values[k], axis=0)) for k in met]
+    usual = np.maximum(_most_are_within(_off_a_line(middle)), noise)
     lines = np.zeros((len(met) - 2, len(degC)))
     for line, (below, own, above) in zip(lines, zip(met, met[1:], met[2:], strict=False), strict=True):
         share = (degC[own] - degC[below]) / (degC[above] - degC[below])

@@ -89,3 +89,13 @@ def test_what_bends_at_a_temperature_that_has_one_run_accuses_none(seed: int) ->
     one = night(seed, 3, dict.fromkeys((10, 11, 12), 20.0))
     rows = one.sensors[2].rows(~np.isin(one.sensors[2].conditions.run, (10, 11)))
     assert wrong_rows(replace(one, sensors={2: rows}))[2].rows == ()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_rates_that_are_wrong_alike_at_one_position_of_two_runs_accuse_these(seed: int) -> None:
+    """In the order 1-2-3 that is MU, too: each was asked for by itself, and so the third was wrong."""
+    one = night(seed, 3, {})
+    rates = one.sensors[2].rates_deg_per_hr.copy()
+    rates[np.isin(one.sensors[2].conditions.run, (10, 11)) & (one.sensors[2].conditions.position == "3"), 0] += 60.0
+    found = wrong_rows(replace(one, sensors={2: replace(one.sensors[2], rates_deg_per_hr=rates)}))[2]
+    assert {(row.run, row.channels) for row in found.rows} == {(10, ("RA",)), (11, ("RA",))}
