@@ -45,6 +45,9 @@ def suspicions(
         for key in header.extra
     ]
     found += [f"{table.path}: sensor {n} is described but has no row" for n in header.sensors if n not in sensors]
+    lost = sorted({*header.campaign.verdicts}.difference(table.integers("run").tolist()))
+    judged = f"{numbered('run', lost)}, which campaign.yaml judges, {'has' if len(lost) == 1 else 'have'} no row"
+    found += [f"{table.path}: {judged}: what they measured is missing here"] if lost else []
     found += [
         f"{table.path}, column {name}: campaign.yaml does not say under conditions what it is; taken as a condition"
         for name in undeclared

@@ -13,7 +13,7 @@ from hil.campaign import Campaign, Collects, Conditions, Sensor, Series
 from hil.campaign.reader import read_campaign
 from hil.campaign.writer import write_campaign
 from hil.errors import InputError
-from procedures.verdict import Verdict
+from procedures.verdict import Judgement, Verdict
 
 ROTOR = Sensor(2, ("A", "B", "S"), {"RA": "A", "RB": "B"})
 TRIAD = Sensor(1, ("X", "Y", "Z"), {"GX": "X", "GY": "Y", "GZ": "Z"}, "MEMS")
@@ -173,3 +173,18 @@ def test_a_failure_leaves_no_half_made_folder(campaign: Campaign, tmp_path: Path
     with pytest.raises(InputError, match="the block is missing"):
         write_campaign(replace(campaign, recorded=kept), tmp_path / "out")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_runs_that_are_judged_and_have_no_row_are_said(campaign: Campaign, tmp_path: Path) -> None:
+    """Rows were deleted, or a copy broke off at the end of a line: a report had been as good as of the whole."""
+    run = int(next(iter(campaign.sensors.values())).conditions.run[0])
+    judged = replace(campaign, verdicts={run: Judgement(Verdict.PASS, "measured well")})
+    folder = write_campaign(judged, tmp_path / "out")
+    assert not any("judges" in line for line in read_campaign(folder).warnings)
+    header, more = (
+        folder / "campaign.yaml",
+        "  9998: {verdict: PASS, reason: good}\n  9999: {verdict: FAIL, reason: bad}\n",
+    )
+    header.write_text(header.read_text().replace("verdicts:\n", f"verdicts:\n{more}"))
+    said = "collects.csv: runs 9998–9999, which campaign.yaml judges, have no row: what they measured is missing here"
+    assert any(line.endswith(said) for line in read_campaign(folder).warnings)
