@@ -33,6 +33,7 @@ _SEVERAL = 5  # values at one temperature stand for all
 _AS_NEAR = 2.0  # times what is left with the best: values with which no more is left may as well be right
 _LINES = 3  # that tell how far values are off them: of fewer it is anyone's guess
 _REPEATED = 3  # runs of one temperature tell what is usual there
+_NONE = np.zeros((0, 0))
 
 
 class Others(NamedTuple):
@@ -45,9 +46,9 @@ class Others(NamedTuple):
     within: FloatArray
     usual: FloatArray
     common: FloatArray
-    lines: FloatArray
-    off: FloatArray
-    share: FloatArray
+    lines: FloatArray = _NONE
+    off: FloatArray = _NONE
+    share: FloatArray = _NONE
 
     def smooth(self, of_run: BoolArray) -> tuple[FloatArray, FloatArray]:
         """Return the rows (m, g·q) that q values `of_run` (p,) add for every line, and the squares of their shares."""
@@ -82,22 +83,22 @@ def of_others(
             errors.append(np.sqrt(np.diag(np.linalg.inv(design.T @ design))))
     repeated = [[values[run] for run in of if run in values] for _, of in groups]
     degrees_of = np.array([max(len(of) - 1, 0) for of in repeated], dtype=np.float64)
-    degrees, lines = float(degrees_of.sum()), (np.zeros((0, len(groups))), *np.zeros((2, 0, len(names))))
+    degrees, noise = float(degrees_of.sum()), np.median(errors, axis=0)
     apart_in = [[one - other for lag in _LAGS for one, other in zip(of, of[lag:], strict=False)] for of in repeated]
     apart = [each for of in apart_in for each in of]
     typical = np.array([typical_scatter(name, conditions.sensor) for name in names])
-    degC = np.array([at for at, _ in groups], dtype=np.float64)
+    degC, lines = np.array([at for at, _ in groups], dtype=np.float64), tuple[FloatArray, ...]()
     if degrees < _LEAST:
         met = [k for k, of in enumerate(repeated) if of]
         if len(met) - 2 < _LEAST or not np.isfinite(degC).all():
             return None
-        apart = _off_a_line([(degC[k], np.mean(repeated[k], axis=0)) for k in met])
+        apart = [*_off(_lines(degC[met]), [np.mean(repeated[k], axis=0) for k in met])]
         order, degrees = min(_CURVE, (len(met) - _LEAST) // 2), float(len(met) - 2)
         common = np.vander((degC - degC.mean()) / np.ptp(degC), order + 1).T @ common
         typical[:] = 0.0  # what is off a curve is also what the curve of a unit is off one of that order
     else:
-        lines = _from_neighbours(degC, repeated, np.median(errors, axis=0))
-    least = np.maximum(1.0 / np.sqrt(1.0 + degrees / _LEAST), np.median(errors, axis=0))
+        lines = _from_neighbours(degC, repeated, noise)
+    least = np.maximum(1.0 / np.sqrt(1.0 + degrees / _LEAST), noise)
     gone_to = [(degC, [values[run] for run in runs if run in values]) for degC, runs in visits(conditions)]
     of_visits = [[np.mean(of, axis=0) for degC, of in gone_to if degC == at and of] for at, _ in groups]
     again = [one - other for of in of_visits for lag in _LAGS for one, other in zip(of, of[lag:], strict=False)]
@@ -112,21 +113,21 @@ def of_others(
     within = scatter * (1.0 + _FEW / known_by)
     within = np.where(scatter < typical, np.minimum(within, typical), within)
     least = np.quantile(np.abs(np.array(apart)), _HARDLY_ANY, axis=0, method="lower")
-    by_chance = _BY_CHANCE * np.median(errors, axis=0)
+    by_chance = _BY_CHANCE * noise
     known = np.isfinite(typical) & (degrees >= _FEW)
     changes = of_run | (known & (by_chance < least) & (least < _LOUD * typical))
     return Others(within * changes, scatter * changes, common, *lines)
 
 
-def _most_are_within(apart: Sequence[FloatArray]) -> FloatArray:
+def _most_are_within(apart: Sequence[FloatArray] | FloatArray) -> FloatArray:
     """Return the scatter (p,) of values by differences of two, (p,) each, which a few that are wrong do not move."""
     return np.asarray(SIGMA * np.quantile(np.abs(np.array(apart)), SHARE, axis=0, method="lower"))
 
 
 def _from_neighbours(
     degC: FloatArray, values: Sequence[Sequence[FloatArray]], noise: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return lines (r, g) that each take a temperature's values from between its neighbours', with `off` and `share`.
+) -> tuple[FloatArray, ...]:
+    """Return the lines (r, g) of `Others`, with `off` and `share`; nothing where too few temperatures tell.
 
     They are off by what is usual, no less than a run's `noise` (p,), or by what is left of them with that run at each
     temperature with which least is: there values bend. Where one run is alone, and that is more than of all others, the
@@ -134,13 +135,11 @@ def _from_neighbours(
     """
     met = [k for k, of in enumerate(values) if of and np.isfinite(degC[k])]
     if len(met) - 2 < _LINES:
-        return np.zeros((0, len(degC))), *np.zeros((2, 0, 0))
-    middle = [(float(degC[k]), np.median(values[k], axis=0)) for k in met]
-    usual = np.maximum(_most_are_within(_off_a_line(middle)), noise)
+        return ()
     lines = np.zeros((len(met) - 2, len(degC)))
-    for line, (below, own, above) in zip(lines, zip(met, met[1:], met[2:], strict=False), strict=True):
-        share = (degC[own] - degC[below]) / (degC[above] - degC[below])
-        line[[below, own, above]] = share - 1.0, 1.0, -share
+    lines[:, met] = _lines(degC[met])
+    usual = _most_are_within(_off(lines[:, met], [np.median(values[k], axis=0) for k in met]))
+    usual = np.maximum(usual, noise)
     far = np.maximum(_left_of([*lines[:, met]], [np.array(values[k]) for k in met]), usual)
     least = usual * (1.0 + _FEW / len(lines))
     of_one, off = np.any(lines[:, [len(of) < 2 for of in values]] != 0.0, axis=1)[:, None], np.maximum(far, least)
@@ -168,11 +167,15 @@ def _left_of(lines: Sequence[FloatArray], values: Sequence[FloatArray]) -> Float
     return np.array([np.max(of, axis=(0, 1, 2), where=own, initial=0.0) for of, own in zip(left, near, strict=True)])
 
 
-def _off_a_line(known: Sequence[tuple[float, FloatArray]]) -> list[FloatArray]:
-    """Return how far values (p,) at each °C are off the line of their neighbours, as two repeats would be apart."""
-    out = []
-    for (cold, below), (at, value), (warm, above) in zip(known, known[1:], known[2:], strict=False):
-        share = (at - cold) / (warm - cold)
-        off = value - (1.0 - share) * below - share * above
-        out.append(off * np.sqrt(2.0 / (1.0 + (1.0 - share) ** 2 + share**2)))
+def _lines(degC: FloatArray) -> FloatArray:
+    """Return what takes the value at each of g rising temperatures from between those of the next two, (g - 2, g)."""
+    out = np.zeros((len(degC) - 2, len(degC)))
+    for j, line in enumerate(out):
+        share = (degC[j + 1] - degC[j]) / (degC[j + 2] - degC[j])
+        line[j : j + 3] = share - 1.0, 1.0, -share
     return out
+
+
+def _off(lines: FloatArray, values: Sequence[FloatArray]) -> FloatArray:
+    """Return how far values (g, p) are off lines (r, g), as two repeats would be apart, (r, p)."""
+    return np.asarray(lines @ np.array(values) * np.sqrt(2.0 / np.sum(lines**2, axis=1, keepdims=True)))

@@ -172,7 +172,7 @@ def _told(together: Together, k: int, known: Sequence[Wrong], failed: Set[int]) 
             rows.append(wrong)
         collects = mended(collects, each.likeliest) if each.likeliest is not None else collects
     for gone, left in _left_alone(filed, lost(found)):
-        why = f"{numbered('run', gone)} of its temperature {'is' if len(gone) == 1 else 'are'} left out{_WHICH}"
+        why = f"{numbered('run', gone)} of its temperature are left out{_WHICH}"
         for run in left:
             judged.setdefault(run, []).append(Judgement(Verdict.MARGINAL, why))
     every = {run: combine(several) for run, several in judged.items()}

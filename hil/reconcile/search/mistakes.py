@@ -182,18 +182,18 @@ class AsSolved:
                     there &= ~here
         right = {j for j, _ in exchanged}
         whole = self._whole([(j, of) for j, of in mistakes if j not in right], [terms[j] for j in chosen & right])
-        own = {j for name, runs in self.another.items() for run in runs for j in self._of_its_own(terms, name, run)}
-        every = (chosen, whole | chosen - right, own | chosen)
+        every = (chosen, whole | chosen - right, chosen.union(self._of_their_own(terms)))
         return list(dict.fromkeys(tuple(sorted(each)) for each in every if each))
 
-    def _of_its_own(self, terms: Sequence[Term], name: str, run: int) -> list[int]:
-        """Return the place of the likeliest effect that makes one parameter another in a run, and in no other."""
-        conditions = self.filed.conditions
-        form, own = default_form(conditions), (conditions.run == run)[:, None]
-        column = (form.columns(conditions)[..., form.names.index(name)] * own).reshape(-1, 1)
-        events = [(j, t.candidate.columns) for j, t in enumerate(terms) if t.tier == 1 and t.event is not None]
-        does = [j for j, of in events if kept_shares(orthonormal(of.reshape(len(column), -1)), column)[0] < EXACTLY]
-        return sorted(does, key=lambda j: -terms[j].log_odds)[:1]
+    def _of_their_own(self, terms: Sequence[Term]) -> Iterator[int]:
+        """Yield the places of the effects, the likeliest each, that make one parameter another in one run alone."""
+        conditions, events = self.filed.conditions, [(j, t) for j, t in enumerate(terms) if t.tier == 1 and t.event]
+        form, rows = default_form(conditions), self.filed.rates_deg_per_hr.size
+        does = [(j, orthonormal(t.candidate.columns.reshape(rows, -1))) for j, t in events if self.another]
+        for name, run in ((name, run) for name, runs in self.another.items() for run in runs):
+            own = form.columns(conditions)[..., form.names.index(name)] * (conditions.run == run)[:, None]
+            these = [j for j, basis in does if kept_shares(basis, own.reshape(-1, 1))[0] < EXACTLY]
+            yield from sorted(these, key=lambda j: -terms[j].log_odds)[:1]
 
     def _whole(self, spoiled: Sequence[tuple[int, Candidate]], put_right: Sequence[Term]) -> set[int]:
         """Return the places of what leaves out, in a channel, each run that it puts right, or each that it doubts."""
