@@ -9,9 +9,13 @@ import numpy as np
 import pytest
 
 from hil.campaign import Campaign
+from hil.model import load_model
+from hil.model.effects.catalogue import BASE_EFFECTS, EFFECTS
 from hil.reconcile import reconcile
 from hil.reconcile.outcome.sentences import what_to_do
 from hil.reconcile.scattering import what_scatters
+from hil.reconcile.search.layout import coarse
+from hil.reconcile.search.problem import pose
 from hil.solve import repeats, solve_campaign
 from hil.solve.wrong_rows import USED, wrong_rows
 from tests.hil.reconcile.hidden_effects import EIGHT, base_rates, campaign_of, lay_out
@@ -176,3 +180,12 @@ def test_two_of_three_runs_that_are_others_alike_are_told_and_not_the_third() ->
     made = night(5, 3, {10: 60.0, 11: 60.0})
     (jump, *_) = reconcile(made, "matrix-6", prove=False).effects
     assert (jump.id, {of["when"].split()[2] for of in jump.parameters}) == ("jump", {"10", "11"})
+
+
+def test_the_search_starts_from_what_solve_says_that_runs_had_of_their_own() -> None:
+    """Grown term by term it had never met two of three that hide each other: another set was likelier so far."""
+    problem = pose(night(5, 3, {10: 60.0, 11: 60.0}), load_model("matrix-6"), (*BASE_EFFECTS, *EFFECTS))
+    search = coarse(problem, EFFECTS, ())[2]
+    starts = [[(search.terms[j].name, dict(search.terms[j].candidate.shape)) for j in each] for each in search.starts]
+    alone = [("jump", {"from_run": run, "runs_held": 1.0, "from_collect": 0.0}) for run in (10.0, 11.0)]
+    assert alone in starts

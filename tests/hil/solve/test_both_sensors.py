@@ -182,3 +182,10 @@ def test_pairs_of_runs_are_exchanged_in_few_ways() -> None:
     away = np.tile(apart[:, None], (2, 1, 6))
     assert _of_normal(np.full((6, 6), 0.999), 3).max() < 0.05
     assert np.allclose(_of_exchanged(away, np.repeat([0, 1, 2], 2)), 0.25, atol=0.02)
+
+
+def test_what_chance_does_in_one_of_fifty_nights_is_no_common_cause() -> None:
+    """Each bias moves by itself, BB of the one and BA of the other alike by chance: .004 of one of four pairs."""
+    both = both_of(night(4, own_bias=4.0))
+    assert (both.asked, both.shared) == (4, ())
+    assert "nothing certainly moves together" in both.sentences()[0]
