@@ -83,12 +83,12 @@ def of_others(
             errors.append(np.sqrt(np.diag(np.linalg.inv(design.T @ design))))
     repeated = [[values[run] for run in of if run in values] for _, of in groups]
     degrees_of = np.array([max(len(of) - 1, 0) for of in repeated], dtype=np.float64)
-    degrees, noise = float(degrees_of.sum()), np.median(errors, axis=0)
+    degrees = float(degrees_of.sum())
     apart_in = [[one - other for lag in _LAGS for one, other in zip(of, of[lag:], strict=False)] for of in repeated]
     apart = [each for of in apart_in for each in of]
     typical = np.array([typical_scatter(name, conditions.sensor) for name in names])
-    degC, lines = np.array([at for at, _ in groups], dtype=np.float64), tuple[FloatArray, ...]()
-    if degrees < _LEAST:
+    degC, hardly_any = np.array([at for at, _ in groups], dtype=np.float64), degrees < _LEAST
+    if hardly_any:
         met = [k for k, of in enumerate(repeated) if of]
         if len(met) - 2 < _LEAST or not np.isfinite(degC).all():
             return None
@@ -96,8 +96,7 @@ def of_others(
         order, degrees = min(_CURVE, (len(met) - _LEAST) // 2), float(len(met) - 2)
         common = np.vander((degC - degC.mean()) / np.ptp(degC), order + 1).T @ common
         typical[:] = 0.0  # what is off a curve is also what the curve of a unit is off one of that order
-    else:
-        lines = _from_neighbours(degC, repeated, noise)
+    noise = np.median(errors, axis=0)
     least = np.maximum(1.0 / np.sqrt(1.0 + degrees / _LEAST), noise)
     gone_to = [(degC, [values[run] for run in runs if run in values]) for degC, runs in visits(conditions)]
     of_visits = [[np.mean(of, axis=0) for degC, of in gone_to if degC == at and of] for at, _ in groups]
@@ -116,6 +115,7 @@ def of_others(
     by_chance = _BY_CHANCE * noise
     known = np.isfinite(typical) & (degrees >= _FEW)
     changes = of_run | (known & (by_chance < least) & (least < _LOUD * typical))
+    lines = () if hardly_any else _from_neighbours(degC, repeated, noise)
     return Others(within * changes, scatter * changes, common, *lines)
 
 
