@@ -51,7 +51,7 @@ OF_MEANS = "each row is a mean of runs: by what these scattered is in its standa
 _ONCE = "no parameter was told twice at one temperature"
 _VISITED_ONCE = (
     "each temperature was gone to once: what changes from visit to visit, as a jump between two does, is not known, "
-    "and no ± has it; hil reconcile looks"
+    "and no ± has it"
 )
 _NEITHER = "and have neither standard errors nor residuals"
 MISSTATED = 1.5

@@ -58,6 +58,7 @@ def shown(campaign: Campaign, found: Answer) -> Reconciliation:
     notes += [*_only_together(found), *_otherwise_asked(results, found.solved)]
     notes += [] if both is None else both.together
     notes += [f"what is known taken off: {each}" for each in found.left.reasons if found.left != found.solved]
+    notes += [f"sensor {n}: {said}" for n, each in found.left.shown.items() for said in each.between.off_a_curve]
     notes += [f"{n.name}: the gap on held-out data did not shrink, so it was not added" for n in found.reverted]
     if found.proof is None and found.names and found.prove:
         every = "no run could be held out: each temperature has one, and its values belong to it alone"

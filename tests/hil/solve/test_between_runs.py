@@ -194,6 +194,60 @@ def test_where_each_temperature_was_gone_to_once_no_uncertainty_has_what_visits_
         assert any(each.startswith(said) for each in told) is so
 
 
+@pytest.mark.parametrize("each", [1, 3])
+@pytest.mark.parametrize("at", [2, 4, 5])
+def test_a_jump_between_temperatures_gone_to_once_is_told_beside_what_the_unit_may_do(each: int, at: int) -> None:
+    """All runs of a temperature agree, and nobody said a word of a bias that is another from there on."""
+    conditions = campaign(8 * each, each).sensors[2].conditions
+    runs = np.arange(1, 8 * each + 1)
+    station = (runs - 1) // each
+    rng = np.random.default_rng(at)
+    values = np.stack([0.3 * station**2 + 60.0 * (station >= at), 5.0 * station - 0.3 * station**2], 1)
+    values += rng.normal(0.0, 0.5, values.shape)
+    found = between_runs(
+        {"BA": "deg/hr", "BB": "deg/hr"}, runs.tolist(), values, np.full(values.shape, 0.5), conditions
+    )
+    (jump,) = found.jumps.values()
+    assert (jump.before, jump.after, jump.once) == (at * each, at * each + 1, True)
+    assert jump.size == pytest.approx(60.0, abs=5.0 * jump.sd)
+    assert (found.apart, found.judged, found.lasting, found.alone) == ({}, {}, [], {})  # it may be what the unit does
+    (said,) = found.not_judged
+    assert said.startswith("BA jumps by ")
+    assert said.endswith("go back to one of before to tell")
+    assert found.off_a_curve == [said]
+
+
+def test_a_run_alone_at_its_temperature_that_others_do_not_lead_to_is_no_pass() -> None:
+    """Its own bias or the unit's there: it stays in the means, for nobody knows."""
+    conditions = campaign(24, 3).sensors[2].conditions
+    runs = np.setdiff1d(np.arange(1, 25), (10, 11))
+    station = (runs - 1) // 3
+    rng = np.random.default_rng(3)
+    for off in (60.0, 0.0):
+        values = (0.3 * station**2 + off * (runs == 12) + rng.normal(0.0, 0.5, len(runs)))[:, None]
+        found = between_runs({"BA": "deg/hr"}, runs.tolist(), values, np.full(values.shape, 0.5), conditions)
+        assert {run: of.verdict for run, of in found.judged.items()} == ({12: Verdict.MARGINAL} if off else {})
+        assert not found.alone
+        assert all("at which no other run was made: make one to tell" in of.reason for of in found.judged.values())
+
+
+@pytest.mark.parametrize("kind", ["bend", "knee", "resonance", "scatter"])
+def test_what_a_unit_does_over_temperature_is_hardly_ever_called_a_jump(kind: str) -> None:
+    """Forty parameters of each kind."""
+    conditions = campaign(24, 3).sensors[2].conditions
+    runs = np.arange(1, 25)
+    t, rng = ((runs - 1) // 3)[:, None] / 7.0, np.random.default_rng(1)
+    of_each = {
+        "bend": 60.0 * np.sin(rng.uniform(1.0, 4.0, 40) * t + rng.uniform(0.0, 6.0, 40)),
+        "knee": 100.0 * np.maximum(t - rng.uniform(0.2, 0.8, 40), 0.0),
+        "resonance": 60.0 * np.exp(-0.5 * ((t - rng.uniform(0.1, 0.9, 40)) / 0.07) ** 2),
+        "scatter": 10.0 * rng.normal(size=(8, 40))[(runs - 1) // 3],
+    }
+    values = of_each[kind] + rng.normal(0.0, 0.5, (24, 40))
+    units = {f"P{k}": "deg/hr" for k in range(40)}
+    assert len(between_runs(units, runs.tolist(), values, np.full(values.shape, 0.5), conditions).jumps) < 3
+
+
 def test_how_far_a_run_is_off_is_as_uncertain_as_any_run_is() -> None:
     """MU scatters by 3: its own scatter is in the ±, however well the others together are known."""
     conditions, runs = campaign(12, 12).sensors[2].conditions, np.arange(1, 13)
