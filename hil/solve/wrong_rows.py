@@ -34,16 +34,12 @@ LEFT_OUT, MENDED, USED = "left out", "mended", "used"
 _LIES = ": in each the unit lies, by its accelerometers, as in the other's position"
 _FROM = " from what all others show"
 _AS_FILED = MENDED, Verdict.FAIL, ": so all rates agree with each other, and not as they are filed", ""
+_ELSE = ", and its other values are used"
 _DONE = {
     "rate": (LEFT_OUT, Verdict.MARGINAL, "", ", and is left out"),
     "collect": (LEFT_OUT, Verdict.MARGINAL, "", ", and is left out"),
-    "bias": (
-        USED,
-        Verdict.MARGINAL,
-        "; all collects of the run alike: its bias was another",
-        "",
-    ),
-    "MU": (USED, Verdict.MARGINAL, "; all collects of the run as MU moves them: its MU was another", ""),
+    "bias": (USED, Verdict.MARGINAL, f"; all collects of the run alike: its bias was another{_ELSE}", ""),
+    "MU": (USED, Verdict.MARGINAL, f"; all collects of the run as MU moves them: its MU was another{_ELSE}", ""),
     "run": (
         LEFT_OUT,
         Verdict.INCONCLUSIVE,
@@ -234,7 +230,7 @@ def _said(filed: Collects, found: Explained) -> Iterator[tuple[int, Wrong, Judge
     conditions, cause = filed.conditions, found.likeliest
     if cause is not None:
         rivals = [cause_in_words(filed, other) for other, _ in found.rivals[1:]]
-        others = "; or ".join(["", *rivals, *_of_its_run(filed, cause)])
+        others = "; or ".join(["", *rivals, *of_its_run(filed, cause)])
         done, verdict, because, hence = _DONE.get(cause.what, _AS_FILED)
         why = f"{cause_in_words(filed, cause)}{because}{in_the_file(filed, cause)}"
         others = as_at(filed, cause) + others
@@ -261,7 +257,7 @@ def _said(filed: Collects, found: Explained) -> Iterator[tuple[int, Wrong, Judge
         yield run, Wrong.of(filed, own, USED, why), Judgement(at_best, why)
 
 
-def _of_its_run(filed: Collects, cause: Cause) -> Iterator[str]:
+def of_its_run(filed: Collects, cause: Cause) -> Iterator[str]:
     """Say what of the run's own shows in no rates but those that are left out: in the order 1-2-3 MU, in Collect 3."""
     if _DONE.get(cause.what, _AS_FILED)[0] == LEFT_OUT and cause.what != "run":
         form, here = default_form(filed.conditions), filed.conditions.of_each_run[cause.run]
@@ -299,10 +295,8 @@ def in_the_file(filed: Collects, cause: Cause) -> str:
     """Say of two collects what to exchange: rates, or what goes by a label; how the unit lay tells, if recorded."""
     if cause.what != "exchanged":
         return ""
-    rows = list(cause.rows)
-    lay, f_g = accelerations_g(filed)[rows], filed.conditions.f_g[rows]
-    as_filed, as_the_other = (np.linalg.norm(lay - each) for each in (f_g, f_g[::-1]))
-    of_another_label = bool(np.all(from_the_usual_g(filed.conditions)[rows] > FIXTURE_G))
+    as_filed, as_the_other = lies_off_g(filed, cause)
+    of_another_label = bool(np.all(from_the_usual_g(filed.conditions)[list(cause.rows)] > FIXTURE_G))
     rates = "rates" + " and position" * of_another_label
     labels = "position, " * (not of_another_label) + "f and w"
     if as_filed < as_the_other:
@@ -310,6 +304,16 @@ def in_the_file(filed: Collects, cause: Cause) -> str:
     if as_the_other < as_filed or of_another_label:
         return f" (exchange their {labels})"
     return f" (exchange their {rates}, or their {labels}: no accelerometer tells which)"
+
+
+def lies_off_g(filed: Collects, cause: Cause) -> tuple[float, float]:
+    """Return how far the unit lay, by its accelerometers, from where collects are filed, and from there exchanged, g.
+
+    NaN where there are none.
+    """
+    rows = list(cause.rows)
+    lay, f_g = accelerations_g(filed)[rows], filed.conditions.f_g[rows]
+    return float(np.linalg.norm(lay - f_g)), float(np.linalg.norm(lay - f_g[::-1]))
 
 
 def cause_in_words(collects: Collects, cause: Cause) -> str:

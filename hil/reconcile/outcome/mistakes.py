@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from hil.campaign import Campaign, Conditions
-from hil.campaign.plausibility import accelerations_g, clipped
+from hil.campaign.plausibility import clipped
 from hil.model.effects.data import OF_A_RUN, of_a_run
 from hil.reconcile.outcome.findings import physics
 from hil.reconcile.result import LEFT_OUT, Disagreement, FoundEffect, Shape, without_collects
@@ -21,7 +21,18 @@ from hil.reconcile.search.terms import Term
 from hil.solve.causes import Cause, all_of
 from hil.solve.explained import LISTED
 from hil.solve.wrong_rows import LEFT_OUT as OMITTED
-from hil.solve.wrong_rows import MENDED, USED, Wrong, as_at, cause_in_words, clipped_rows, in_the_file, wrong_rows
+from hil.solve.wrong_rows import (
+    MENDED,
+    USED,
+    Wrong,
+    as_at,
+    cause_in_words,
+    clipped_rows,
+    in_the_file,
+    lies_off_g,
+    of_its_run,
+    wrong_rows,
+)
 from procedures.words import numbered
 
 
@@ -238,7 +249,7 @@ def rows_found(
         size = {each["channel"]: each["size_deg_per_hr"] for each in several}
         off = tuple(size.get(name, 0.0) for name in collects.conditions.sensor.channels)
         cause = Cause("collect", run, (place,), tuple(np.flatnonzero(off).tolist()), off)
-        why = f"{cause_in_words(collects, cause)}{as_at(collects, cause)}"
+        why = "; or ".join([f"{cause_in_words(collects, cause)}{as_at(collects, cause)}", *of_its_run(collects, cause)])
         if instead := sorted({other for each in several for other in each.get("or_collects", ())}):
             why += f"; or {numbered('collect', instead)} may be, in its place: these rates cannot tell which is wrong"
         found.append(Wrong.of(collects, cause, OMITTED, why))
@@ -248,10 +259,11 @@ def rows_found(
 
 def look_up(wrong: Sequence[Term], campaign: Campaign) -> dict[str, Any] | None:
     """The experiment for mistakes in the data: what was recorded settles them, no further collect is needed."""
-    swaps = [int(t.candidate.shape["run"]) for t in wrong if t.candidate.effect is not None]
+    swaps = [(campaign.sensors[t.candidate.sensor], _cause(t.candidate, campaign)) for t in wrong if t.candidate.effect]
     if swaps:
-        which = numbered("run", swaps, to="")
-        lay = any(np.isfinite(accelerations_g(rows)).any() for rows in campaign.sensors.values())
+        which = numbered("run", sorted({cause.run for _, cause in swaps}), to="")
+        off_g = [lies_off_g(*each) for each in swaps if each[1].what == "exchanged"]
+        lay = any(as_filed != as_the_other for as_filed, as_the_other in off_g if np.isfinite(as_filed))
         look = f"look at {'the accelerometers and ' * lay}the log of {which}; no further collect is needed"
         return without_collects(f"confirms what was exchanged or turned: {look}")
     runs = sorted({run for _, _, run in wrong_runs(wrong)})

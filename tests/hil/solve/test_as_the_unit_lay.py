@@ -9,8 +9,9 @@ import numpy as np
 from hil.campaign import Campaign
 from hil.campaign.plausibility import judged_by_its_records
 from hil.solve import solve_campaign
+from hil.solve.causes import Cause
 from hil.solve.omissions import what_is_wrong
-from hil.solve.wrong_rows import LEFT_OUT, MENDED, pooled, treated, wrong_rows
+from hil.solve.wrong_rows import LEFT_OUT, MENDED, in_the_file, lies_off_g, pooled, treated, wrong_rows
 from procedures.verdict import Verdict
 from tests.hil.audit.folders import FOLDERS
 from tests.hil.solve.runs_of_a_unit import with_column
@@ -33,6 +34,19 @@ def test_labels_of_a_body_are_exchanged_for_all_its_sensors() -> None:
     assert {(e.run, e.verdict) for e in solve_campaign(body) if e.run == 5} == {(5, Verdict.FAIL)}
     (alone,) = what_is_wrong(replace(body, sensors={2: body.sensors[2]}))["rows"]
     assert (alone["done"], "recorded with" in alone["why"]) == (MENDED, False), "nothing was recorded with it"
+
+
+def test_who_says_that_accelerometers_tell_an_exchange_has_asked_those_of_its_rows() -> None:
+    """Those of other rows tell nothing of it."""
+    filed = made("labels exchanged in a body").sensors[1]
+    exchanged = Cause("exchanged", 5, (12, 13))
+    as_filed, as_the_other = lies_off_g(filed, exchanged)
+    assert as_the_other < 0.1 < as_filed
+    assert "as f says)" not in in_the_file(filed, exchanged)
+    columns = {n: np.where(np.arange(len(of)) > 11, np.nan, of) for n, of in filed.conditions.columns.items()}
+    without = replace(filed, conditions=replace(filed.conditions, columns=columns))
+    assert all(np.isnan(each) for each in lies_off_g(without, exchanged))
+    assert "no accelerometer tells which" in in_the_file(without, exchanged)
 
 
 def test_what_accelerometers_put_right_the_other_sensor_does_not_exchange_back() -> None:
