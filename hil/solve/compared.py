@@ -93,8 +93,7 @@ class Compared:
         noise = weight * _sums(whose, (share * np.nan_to_num(errors)) ** 2)
         does = np.equal.outer(group, np.unique(group)).astype(np.float64)
         if degC is not None:
-            order = max(min(DRIFT, (len(first) - 2) // 2), 0)
-            does = np.vander((degC[first] - degC.mean()) / max(float(np.ptp(degC)), 1.0), order + 1)
+            does = curve_over(degC[first], len(first))
         temperature = orthonormal(root[:, None] * does)
         return cls(_sums(whose, share * values), root, noise, group, temperature, whose, share, ends, run)
 
@@ -183,6 +182,12 @@ class Compared:
         product = np.concatenate([-np.cumsum(self.root * seen)[:-1], self.root * seen])
         first, last = (np.concatenate([of, place]) for of in (place[:-1], place[1:]))
         return product, np.concatenate([by_step[:-1], alone]), first, last
+
+
+def curve_over(degC: FloatArray, told_at: int) -> FloatArray:
+    """Return what a curve over temperatures (n,) is made of, (n, order + 1): half as many values as it is `told_at`."""
+    order = max(min(DRIFT, told_at // 2 - 1), 0)
+    return np.vander((degC - degC.mean()) / max(float(np.ptp(degC)), 1.0), order + 1)
 
 
 def _sums(whose: IntArray, of_each: FloatArray) -> FloatArray:

@@ -15,6 +15,7 @@ import numpy as np
 
 from hil.campaign import BoolArray, Conditions, FloatArray
 from hil.model.effects.columns import flattened
+from hil.solve.compared import curve_over
 from hil.solve.precision import typical_scatter
 from hil.solve.temperatures import visits
 
@@ -24,7 +25,6 @@ SIGMA = 1.64
 """A normal distribution's sigma by that."""
 _HARDLY_ANY = 1.0 / 6.0  # of them
 _BY_CHANCE = 2.0  # standard errors of one: noise makes hardly any larger
-_CURVE = 3  # order of what parameters follow over temperature at most
 _FEW = 8.0  # runs that others tell of: of so many their scatter is known hardly better than by 2
 _LEAST = 2  # and of fewer not at all
 _LAGS = (1, 2)  # between repeats whose difference is taken
@@ -93,8 +93,7 @@ def of_others(
         if len(met) - 2 < _LEAST or not np.isfinite(degC).all():
             return None
         apart = [*_off(_lines(degC[met]), [np.mean(repeated[k], axis=0) for k in met])]
-        order, degrees = min(_CURVE, (len(met) - _LEAST) // 2), float(len(met) - 2)
-        common = np.vander((degC - degC.mean()) / np.ptp(degC), order + 1).T @ common
+        degrees, common = float(len(met) - 2), curve_over(degC, len(met)).T @ common
         typical[:] = 0.0  # what is off a curve is also what the curve of a unit is off one of that order
     noise = np.median(errors, axis=0)
     least = np.maximum(1.0 / np.sqrt(1.0 + degrees / _LEAST), noise)
