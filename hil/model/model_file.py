@@ -20,7 +20,7 @@ from pydantic import AfterValidator, Field, FiniteFloat, ValidationError
 
 from drivers.strict_yaml import check_schema, first_mistake
 from hil.campaign import Campaign, Conditions, FloatArray, Sensor
-from hil.errors import InputError
+from hil.errors import InputError, worded
 from hil.files.durable import RealDisk, write_durably
 from hil.files.strict import Section, find_config, near, parse_yaml, read_text
 from hil.model.curve import Curve
@@ -180,10 +180,8 @@ def load_model(path_or_name: str | Path) -> Model:
     name = str(path_or_name)
     if name in MODEL_NAMES:
         return built_in_model(name)
-    try:
+    with worded(InputError, "model ", InputError):
         path = find_config("models", name, built_in=MODEL_NAMES)
-    except InputError as error:
-        raise InputError(f"model {error}") from error
     document = parse_yaml(read_text(path), str(path))
     check_schema(document, SCHEMA, str(path))
     try:

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from hil.campaign import Campaign, FloatArray
-from hil.errors import InputError
+from hil.errors import InputError, worded
 from hil.files.columns import Columns, read_columns
 from hil.files.units import RATE, worth
 from hil.records.export import open_source
@@ -129,10 +129,8 @@ def _factor(where: str, given: str | None, stated: str | None) -> float:
         raise InputError(f"{where}: its unit is not stated; give it with --unit, such as deg/s, rad/s or '0.05 deg/s'")
     if given is not None and stated is not None and given != stated:
         raise InputError(f"{where}: the file states {stated}, --unit says {given}; leave --unit out")
-    try:
+    with worded(InputError, f"{where}: "):
         return worth(text, RATE)
-    except ValueError as error:
-        raise InputError(f"{where}: {error}") from None
 
 
 class Recording:

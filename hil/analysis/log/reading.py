@@ -22,7 +22,7 @@ from drivers.frames.decoder import StreamDecoder
 from drivers.frames.description import StreamDescription
 from drivers.given_file import RECORDING_MB, read_bytes
 from hil.campaign import BoolArray, FloatArray, IntArray, TextArray
-from hil.errors import InputError
+from hil.errors import InputError, worded
 from hil.files.columns import Columns, is_number
 from hil.files.units import ACCELERATION, RATE, TIME, Kind, worth
 from procedures.words import choice, counted, listed, plural, ranges
@@ -205,10 +205,8 @@ def _in_unit(table: Columns, kind: Kind, names: list[str], scale: str | None) ->
     text = scale or (stated.pop() if len(stated) == 1 else "")
     if not text:
         raise InputError(f"{where}: what one of them means is not stated, or not the same of all; {instead}")
-    try:
+    with worded(InputError, f"{where}: ", end=f"; {instead}"):
         factor = worth(text, kind)
-    except ValueError as error:
-        raise InputError(f"{where}: {error}; {instead}") from None
     if factor == 0.0:
         raise InputError(f"{where}: a unit of {text} is nothing; {instead}")
     words = f"{sought.words}: column{'s' * (len(names) > 1)} {', '.join(names)}, in {text}"

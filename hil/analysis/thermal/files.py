@@ -17,7 +17,7 @@ from hil.analysis.thermal.choice import POLYNOMIALS
 from hil.analysis.thermal.document import thermal_document
 from hil.analysis.thermal.fit import ParameterFit, SensorFit, ThermalFit
 from hil.campaign import Campaign, FloatArray
-from hil.errors import InputError
+from hil.errors import InputError, worded
 from hil.files.durable import write_result
 from hil.files.figure import drawn, marked
 from hil.files.page import filled
@@ -44,13 +44,11 @@ def write_thermal(result: ThermalFit, folder: Path) -> list[str]:
     for fit in result.sensors.values():
         contents[f"sensor-{fit.number}.svg"] = drawn(draw_fit(fit, result.campaign)).decode()
         contents |= {f"sensor-{fit.number}-{name}": text for name, text in autopilot_files(fit).items()}
-    try:
+    with worded(InputError, f"{folder}: cannot be written: ", OSError):
         folder.mkdir(parents=True, exist_ok=True)
         for name, text in contents.items():
             write_result(folder / name, text)
         save_model(model, folder / "model.yaml")
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be written: {error.strerror}") from None
     return ["model.yaml", *contents]
 
 
