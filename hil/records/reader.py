@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import os
 import sqlite3
 import threading
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from dataclasses import fields, replace
-from datetime import datetime
 from functools import cached_property
 from pathlib import Path
 from textwrap import shorten
@@ -31,7 +29,7 @@ from procedures.journal_protocol import Outcome, StepResult, of_unit
 from procedures.plan import Plan, Step, StepKind
 from procedures.words import listed
 
-RowT = TypeVar("RowT", Attempt, Event, RequestRow, Heartbeat, Controller)
+RowT = TypeVar("RowT", Night, Attempt, Event, RequestRow, Heartbeat, Controller)
 
 _BUSY_S = 30.0
 _once = threading.local()  # its `journal` is that of the night that is proven once
@@ -73,15 +71,11 @@ class JournalReader:
     @cached_property
     def night(self) -> Night:
         """What the night is: title, who, when, configuration, versions, seed. Raises `InputError` where damaged."""
-        row = self._connection.execute(
-            "SELECT title, who, began_utc, simulated, configuration, seed, versions FROM night"
-        ).fetchone()
-        if row is None:
-            raise Damaged(f"{self.folder / JOURNAL_NAME}: the row that describes the night is missing")
-        title, who, began_utc, simulated, configuration, seed, versions = row
         with self._understood("the row that describes the night"):
-            began = datetime.fromisoformat(began_utc)
-            return Night(title, who, began, bool(simulated), configuration, seed, json.loads(versions))
+            found = next(self._rows(Night, "night"), None)
+        if found is None:
+            raise Damaged(f"{self.folder / JOURNAL_NAME}: the row that describes the night is missing")
+        return found
 
     @cached_property
     def plan(self) -> Plan:

@@ -114,7 +114,9 @@ class Controller:
 MEANS: Mapping[str, Callable[[Any], Any]] = {
     "outcome": lambda word: word and Outcome(word),
     "accepted": lambda told: None if told is None else bool(told),
-    "seen_utc": datetime.fromisoformat,
+    "simulated": bool,
+    "versions": json.loads,
+    **dict.fromkeys(("began_utc", "seen_utc"), datetime.fromisoformat),
     **dict.fromkeys(("reason", "answer"), lambda text: text or ""),
     **dict.fromkeys(("data", "evidence", "readings"), lambda text: dict(json.loads(text)) if text else {}),
 }
