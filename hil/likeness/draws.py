@@ -41,7 +41,6 @@ from hil.solve.omissions import what_is_wrong
 from hil.solve.temperatures import same_temperature
 from hil.solve.wrong_rows import LEFT_OUT, USED, pooled
 
-SCHEMA = "hil.twin/1"
 FEWEST = 3
 _ASSUMED = 10.0  # times as much may conditions differ where chamber and unit are assumed
 _Kept = tuple[Collection[tuple[int, str, int]], Collection[str]]  # of a sensor: collects of the plan, columns
@@ -133,7 +132,7 @@ def likeness(
         for number, numbers in enumerate(there):
             nights.append(next(made) if numbers is None else numbers)
             done(number + 1)
-    head = {"schema": SCHEMA, "campaign": campaign.title, "simulated": campaign.simulated}
+    head = {"schema": "hil.twin/1", "campaign": campaign.title, "simulated": campaign.simulated}
     asked = {"model": model.full_title, "draws": draws, "seed": seed}
     return {**head, **asked, **left_out, **verdict(nights, _ASSUMED if assumed else 1.0)}
 

@@ -43,7 +43,6 @@ from hil.solve.temperatures import how_many
 from procedures.verdict import NOT_GOOD, Judgement
 from procedures.words import listed
 
-SCHEMA = "hil.certificate/1"
 K = 2.0
 _ONCE = "no temperature was measured twice: what changes from run to run is not known, and in no uncertainty"
 
@@ -98,7 +97,7 @@ def certificate(
     began, ended = (datetime.fromisoformat(status[key]) for key in ("began_utc", "last_utc"))
     refused, head = refusals(status, measured, proof, bench, serial, ended.date()), read_head(folder)
     document = {
-        "schema": SCHEMA,
+        "schema": "hil.certificate/1",
         "number": number or f"{serial or 'unknown'}-{began:%Y%m%d-%H%M}",
         "issued": today.isoformat(),
         "simulated": campaign.simulated,

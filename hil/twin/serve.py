@@ -22,7 +22,6 @@ from hil.config.ports import SIMULATED_SCHEME, unit_port
 from hil.errors import InputError, worded
 from hil.twin.devices import FaultInjector, SimulatedBench, simulate_devices
 
-SCHEMA = "hil.simulate/1"
 # Windows has no terminals to close.
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, getattr(signal, "SIGHUP", signal.SIGTERM))
 _HOST = "127.0.0.1"
@@ -42,7 +41,7 @@ def serve_bench(bench: Bench, announce: Callable[[str], None], *, tcp: bool = Fa
     with serving(bench, tcp=tcp) as (server, simulation):
         former = {number: signal.signal(number, lambda *_: server.interrupt()) for number in _SIGNALS}
         try:
-            said = {"schema": SCHEMA, "bench": bench.name, "simulated": True, "ports": dict(simulation.ports)}
+            said = {"schema": "hil.simulate/1", "bench": bench.name, "simulated": True, "ports": dict(simulation.ports)}
             announce(json.dumps(said))
             server.run()
         finally:

@@ -13,8 +13,6 @@ from hil.files.figure import marked
 from hil.files.page import filled
 from procedures.words import duration
 
-SCHEMA = "hil.allan/1"
-
 TERMS: Mapping[str, tuple[str, str, float]] = {
     "Q": ("quantisation (white in angle)", "arcsec", 1.0),
     "N": ("angle random walk (white in rate)", "deg/sqrt(hr)", 1.0 / 60.0),
@@ -51,7 +49,7 @@ class AllanResult:
             f"fitted from {fit.fitted_from_s:g} s with a model error of {fit.model_error:.0%} allowed for"
         )
         return {
-            "schema": SCHEMA,
+            "schema": "hil.allan/1",
             **picked(found, "source=name simulated"),
             "unit": "deg/hr",
             "rate_hz": 1.0 / found.interval_s,

@@ -34,7 +34,6 @@ from procedures.averaging import average_series
 from procedures.verdict import Judgement, Verdict
 from procedures.words import counted, listed, numbered
 
-SCHEMA, ACCELEROMETER_SCHEMA = "hil.import-log/1", "hil.accelerometer/1"
 ACCELEROMETER_FILE = "accelerometer.json"
 _AXIS_LABEL = re.compile(r"([+\-−]?)\s*([XYZ])\s*([+\-−]?)\s*(up|down)?", re.IGNORECASE)
 _OF_AN_AXIS = 0.87  # of f lies along an axis by which a pose is called: 30 degrees; beyond, it stands between axes
@@ -120,14 +119,14 @@ def campaign_of_log(log: Log, test: StaticTest, *, latitude_deg: float | None = 
         for k, each in enumerate(stretches)
     ]
     document = {
-        "schema": SCHEMA,
+        "schema": "hil.import-log/1",
         "file": str(log.path),
         "simulated": log.simulated,
         "samples": len(log.row),
         "rate_hz": 1.0 / log.interval_s,
         "stretches": rows,
         "accelerometer": {
-            "schema": ACCELEROMETER_SCHEMA,
+            "schema": "hil.accelerometer/1",
             "simulated": log.simulated,
             "model": "m = S N f + b; S = diag(s_X, s_Y, s_Z), N = [[1, 0, 0], [a_YX, 1, 0], [a_ZX, a_ZY, 1]]",
             "poses": n,

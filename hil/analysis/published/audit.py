@@ -18,8 +18,6 @@ from hil.analysis.published.printed import TABLE_A1, PrintedRow, read_printed
 from hil.files.document import picked
 from hil.files.strict import find_config
 
-SCHEMA = "hil.audit/1"
-
 MINOR_DEG_PER_HR = 0.075
 """Up to here a residual beyond its tolerance is minor: a twelfth of what one collect scatters by (0.9 deg/hr).
 
@@ -104,7 +102,7 @@ class Audit:
     def document(self) -> dict[str, Any]:
         """Return what `hil audit --json` prints."""
         document: dict[str, Any] = {
-            "schema": SCHEMA,
+            "schema": "hil.audit/1",
             "table": str(self.table.path),
             "layout": self.table.layout,
             "identities": [each.entry() for each in self.findings],

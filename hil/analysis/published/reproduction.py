@@ -37,7 +37,6 @@ from hil.solve.contractor import report_collects, solve_as_contractor
 from hil.solve.runs import solve_rates
 from hil.solve.temperatures import nearest, runs_by_temperature
 
-SCHEMA = "hil.reproduction/1"
 CONTRACTORS = MATRIX_6[:4]
 
 _PRINTED = packaged("hil.analysis.published", "printed.yaml")
@@ -83,7 +82,7 @@ def reproduce(campaign: Campaign, sensor: int = 2) -> dict[str, Any]:
     ]
     printed = Audit("rd-gc-86-1-table-a1").table.rows
     return {
-        "schema": SCHEMA,
+        "schema": "hil.reproduction/1",
         "sensor": sensor,
         "simulated": campaign.simulated,
         "temperatures_degC": plain([*groups]),

@@ -14,14 +14,13 @@ from hil.solve.omissions import what_is_wrong
 from hil.solve.uncertain import CONFIDENCE
 from procedures.words import counted, listed, percent, significant
 
-SCHEMA = "hil.thermal/1"
 _HARDLY = 0.1  # of what rates are wrong by with constants: who takes less away has hardly improved a unit
 
 
 def thermal_document(result: ThermalFit) -> dict[str, Any]:
     """Return what `hil thermal --json` prints: finite numbers, null where a thing is not known."""
     return {
-        "schema": SCHEMA,
+        "schema": "hil.thermal/1",
         **picked(result.campaign, "campaign=title source simulated warnings"),
         **what_is_wrong(result.campaign),
         **not_solved(result.campaign),

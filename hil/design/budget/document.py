@@ -21,8 +21,6 @@ from hil.files.document import picked, plain
 from hil.solve.repeats import SensorRepeats
 from procedures.words import numbered
 
-SCHEMA = "hil.budget/1"
-
 
 @dataclass(frozen=True)
 class Asked:
@@ -62,7 +60,7 @@ def budget_document(
         if runs and asked.run in (None, *(each.run for each in runs))
     }
     return {
-        "schema": SCHEMA,
+        "schema": "hil.budget/1",
         "title": title,
         "simulated": simulated,
         "repeats": max(each["repeats"] for each in sensors.values()),

@@ -19,7 +19,6 @@ from hil.files.durable import check_new, write_result
 from hil.files.strict import parse_yaml
 from procedures.words import counted
 
-SCHEMA = "hil.design/1"
 _DAY_S = 86400.0
 _LONG_DAYS = 3.0  # of repeats in one night of days it is said what they are for, and what would spare them
 
@@ -27,7 +26,7 @@ _LONG_DAYS = 3.0  # of repeats in one night of days it is said what they are for
 def design_document(proposal: Proposal, goal: Goal, sweep: Sweep, bench: Bench) -> dict[str, Any]:
     """Return what `hil design --json` prints."""
     return {
-        "schema": SCHEMA,
+        "schema": "hil.design/1",
         "simulated": bench.simulated,
         "bench": bench.name,
         "sweep": sweep.title,
