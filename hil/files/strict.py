@@ -16,7 +16,7 @@ from drivers.strict_yaml import Section as Section
 from drivers.strict_yaml import first_mistake
 from drivers.strict_yaml import near as near
 from drivers.strict_yaml import parse_yaml as parse_yaml
-from hil.errors import InputError
+from hil.errors import InputError, worded
 
 SINGULAR = {
     "benches": "bench",
@@ -61,10 +61,8 @@ class WholeFile(Section):
     def parse(cls, text: str, source: str) -> Self:
         """Read from YAML text; `source` names it in messages. Raises `InputError` in one sentence."""
         document = parse_yaml(text, source)
-        try:
-            found = cls.model_validate(document)
-        except ValidationError as error:
-            raise InputError(f"{source}: {first_mistake(error, document)}") from error
+        with worded(InputError, f"{source}: "):
+            found = validated_inside(cls, document)
         found._text, found._source = text, source
         return found
 
@@ -122,9 +120,9 @@ def _is(what: Callable[[Path], bool], path: Path) -> bool:
 ModelT = TypeVar("ModelT", bound=BaseModel)
 
 
-def validated_inside(model: type[ModelT], given: object) -> ModelT:
-    """Return `given` as a `model` within another's validator; raise `ValueError` with the place of what is wrong."""
+def validated_inside(model: type[ModelT], given: object, context: object = None) -> ModelT:
+    """Return `given` as a `model`, for another validator too; raise `ValueError` with the place of what is wrong."""
     try:
-        return model.model_validate(given)
+        return model.model_validate(given, context=context)
     except ValidationError as error:
         raise ValueError(first_mistake(error, given)) from error

@@ -209,13 +209,11 @@ def default_form(conditions: Conditions) -> LinearForm:
     sensor = conditions.sensor
     if sensor.is_rotor or (sensor.is_triad and excites_every_axis(conditions.f_g)):
         return fullest_form(sensor)
-    why = f"channels about {', '.join(sensor.channels.values())} are neither a two-channel rotor sensor nor a "
-    why += "three-axis triad"
+    about = f"channels about {', '.join(sensor.channels.values())}"
+    why = f"{about} are neither a two-channel rotor sensor nor a three-axis triad"
     if sensor.is_triad:
-        why = (
-            f"{counted(len(conditions), 'position')} cannot excite all three axes apart from the bias (triad-12 needs "
-        )
-        why += "four poses or more whose f do not lie in one plane)"
+        few = f"{counted(len(conditions), 'position')} cannot excite all three axes apart from the bias"
+        why = f"{few} (triad-12 needs four poses or more whose f do not lie in one plane)"
     return constant_form(sensor, f"bias only: {why}")
 
 

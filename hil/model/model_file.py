@@ -16,13 +16,13 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import yaml
-from pydantic import AfterValidator, Field, FiniteFloat, ValidationError
+from pydantic import AfterValidator, Field, FiniteFloat
 
-from drivers.strict_yaml import check_schema, first_mistake
+from drivers.strict_yaml import check_schema
 from hil.campaign import Campaign, Conditions, FloatArray, Sensor
 from hil.errors import InputError, worded
 from hil.files.durable import RealDisk, write_durably
-from hil.files.strict import Section, find_config, near, parse_yaml, read_text
+from hil.files.strict import Section, find_config, near, parse_yaml, read_text, validated_inside
 from hil.model.curve import Curve
 from hil.model.effects.base import Base, Described, Effect
 from hil.model.effects.catalogue import SERIES_EFFECTS, effect_by_id, known_by, variance_effect_by_id
@@ -184,10 +184,8 @@ def load_model(path_or_name: str | Path) -> Model:
         path = find_config("models", name, built_in=MODEL_NAMES)
     document = parse_yaml(read_text(path), str(path))
     check_schema(document, SCHEMA, str(path))
-    try:
-        model = Model.model_validate(document, context=str(path))
-    except ValidationError as error:
-        raise InputError(f"{path}: {first_mistake(error, document)}") from error
+    with worded(InputError, f"{path}: "):
+        model = validated_inside(Model, document, str(path))
     _check(path, model)
     return model
 
