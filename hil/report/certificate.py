@@ -27,7 +27,7 @@ from hil.design.budget.budget import MeanBudget, budgets_of_means, repeats_of
 from hil.design.budget.document import named
 from hil.design.budget.scenes import measured_scenes
 from hil.errors import InputError
-from hil.files.document import plain
+from hil.files.document import picked, plain
 from hil.files.numbers import degrees
 from hil.files.page import filled, rendered
 from hil.records import reading
@@ -151,10 +151,7 @@ def _results(where: Mapping[str, Any], sensor: int, each: MeanBudget) -> Iterato
             "sensor": sensor,
             **where,
             "parameter": name,
-            "value": value.value,
-            "unit": value.unit,
-            "runs": value.runs,
-            "standard_uncertainty": plain(value.sd),
+            **picked(value, "value unit runs standard_uncertainty=sd"),
             "unexplained": plain(each.unexplained[each.budget.names.index(name)]),
             "degrees_of_freedom": plain(value.freedom),
             "k": plain(expanded / value.sd) if value.sd > 0.0 else None,

@@ -89,16 +89,11 @@ def night_content(folder: Path) -> NightContent:
         known = {"journal": journal, "plan": journal.plan, "status": status, "done": journal.completed()}
         asked, done_in_words = filled("hil.report", "night.txt.j2", **known, **words).splitlines()
         return NightContent(
-            state=str(status["state"]),
-            title=journal.night.title,
-            simulated=journal.night.simulated,
-            reason=str(status["reason"]),
+            **{name: status[name] for name in ("state", "title", "simulated", "reason", "identity", "missing")},
             to_do=_to_do(folder, status),
             asked=asked,
             done=done_in_words,
-            identity=status["identity"],
             self_calibrations=(status["self_calibrations_done"], status["self_calibrations_total"]),
-            missing=list(status["missing"]),
             events=[(_utc(journal, event.at_s), event.kind, event.message) for event in events],
             event_hours=np.array([event.at_s for event in events], dtype=np.float64) / _SECONDS_PER_HOUR,
             hours=hours,

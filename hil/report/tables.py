@@ -85,8 +85,7 @@ def _parameters(content: ReportContent) -> Iterator[dict[str, Any]]:
             beside = {name: of.document() for name, of in sensor.shown.of_run(solution).items()}
             for name, each in solution.parameters.items():
                 yield {
-                    "sensor": solution.sensor,
-                    "run": solution.run,
+                    **picked(solution, "sensor run"),
                     "temperature_degC": sensor.shown.temperature_degC.get(solution.runs[0]),
                     "model": solution.model,
                     "parameter": name,

@@ -52,9 +52,7 @@ class Finding:
             "cells": [
                 picked(self.row.cells[role], "cell=what printed=text file_row column") for role in self.identity.roles
             ],
-            "candidates": list(self.candidates),
-            "would_close": list(self.would_close),
-            "note": self.note,
+            **picked(self, "candidates would_close note"),
         }
 
 
