@@ -45,18 +45,20 @@ class _Curve(Section):
             raise ValueError("valid_degC must give the lowest temperature first")
         return self
 
-    def refuse_outside(self, temperature_degC: ArrayLike) -> None:
-        """Raise `InputError` where a temperature lies outside the range in which the curve was measured."""
-        temperatures = np.atleast_1d(np.asarray(temperature_degC, dtype=np.float64))
-        if self.valid_degC is None or not temperatures.size:
-            return
-        low, high = self.valid_degC
+    def at(self, temperature_degC: ArrayLike) -> FloatArray:
+        """Return the value at each temperature, shape (n,); raise `InputError` outside the range of measurement."""
+        temperatures = np.asarray(temperature_degC, dtype=np.float64)
+        low, high = self.valid_degC or (-np.inf, np.inf)
         outside = temperatures[(temperatures < low - BEYOND_DEGC) | (temperatures > high + BEYOND_DEGC)]
         if outside.size:
             raise InputError(
                 f"{outside[0]:.4g} °C is outside {low:g} to {high:g} °C, where this curve ({self.unit}) was measured; "
                 "it is not extrapolated"
             )
+        return np.asarray(self._at(temperatures))
+
+    def _at(self, temperature_degC: FloatArray) -> ArrayLike:
+        raise NotImplementedError
 
 
 class Constant(_Curve):
@@ -66,10 +68,8 @@ class Constant(_Curve):
     se: NonNegativeFloat | None = None
     depends_on_temperature: ClassVar[bool] = False
 
-    def at(self, temperature_degC: ArrayLike) -> FloatArray:
-        """Return the value for each temperature, shape (n,); raise `InputError` outside `valid_degC`."""
-        self.refuse_outside(temperature_degC)
-        return np.full(np.shape(temperature_degC), self.value)
+    def _at(self, temperature_degC: FloatArray) -> ArrayLike:
+        return np.full(temperature_degC.shape, self.value)
 
     def scaled(self, factor: float) -> Constant:
         """Return `factor` times the curve, its error too."""
@@ -98,10 +98,8 @@ class Polynomial(_Curve):
         """True where a power of temperature has a coefficient."""
         return len(self.polynomial) > 1
 
-    def at(self, temperature_degC: ArrayLike) -> FloatArray:
-        """Return the value at each temperature, shape (n,); raise `InputError` outside `valid_degC`."""
-        self.refuse_outside(temperature_degC)
-        return np.asarray(np.polynomial.polynomial.polyval(self._offset(temperature_degC), self.polynomial))
+    def _at(self, temperature_degC: FloatArray) -> ArrayLike:
+        return np.polynomial.polynomial.polyval(temperature_degC - self.reference_degC, self.polynomial)
 
     def scaled(self, factor: float) -> Polynomial:
         """Return `factor` times the curve, its errors too."""
@@ -112,10 +110,8 @@ class Polynomial(_Curve):
     def slope_at(self, temperature_degC: ArrayLike) -> FloatArray:
         """Return the derivative by temperature, shape (n,), per °C."""
         derivative = np.polynomial.polynomial.polyder(np.asarray(self.polynomial))
-        return np.asarray(np.polynomial.polynomial.polyval(self._offset(temperature_degC), derivative))
-
-    def _offset(self, temperature_degC: ArrayLike) -> FloatArray:
-        return np.asarray(temperature_degC, dtype=np.float64) - self.reference_degC
+        offset = np.asarray(temperature_degC, dtype=np.float64) - self.reference_degC
+        return np.asarray(np.polynomial.polynomial.polyval(offset, derivative))
 
 
 class TableRows(Section):
@@ -148,12 +144,9 @@ class Table(_Curve):
 
         return PchipInterpolator(self.table.temperature_degC, self.table.value)
 
-    def at(self, temperature_degC: ArrayLike) -> FloatArray:
-        """Return the value at each temperature, shape (n,); raise `InputError` outside `valid_degC`."""
-        self.refuse_outside(temperature_degC)
-        temperatures = np.asarray(temperature_degC, dtype=np.float64)
+    def _at(self, temperature_degC: FloatArray) -> ArrayLike:
         low, high = self.table.temperature_degC[0], self.table.temperature_degC[-1]
-        return np.asarray(self._curve(np.clip(temperatures, low, high)))
+        return np.asarray(self._curve(np.clip(temperature_degC, low, high)))
 
     def scaled(self, factor: float) -> Table:
         """Return `factor` times the curve, its errors too."""

@@ -134,6 +134,7 @@ class Described(ABC):
     shapes: ClassVar[tuple[ShapeParameter, ...]] = ()
     per_channel: ClassVar[bool] = False  # every parameter exists once per channel, named after the channel's axis
     rotor_only: ClassVar[bool] = False  # exists only in a two-channel rotor sensor
+    triad_only: ClassVar[bool] = False  # only in a triad
     named_by_data: ClassVar[bool] = False  # which parameters there are depends on positions or power cycles
     accepted: ClassVar[str] = ""  # how names of parameters look where positions or axes make them: a regular expression
     needs: ClassVar[frozenset[str]] = frozenset()  # condition columns; "a|b" is satisfied by either
@@ -176,7 +177,7 @@ class Described(ABC):
 
     def applies_to(self, sensor: Sensor) -> bool:
         """Whether the effect can exist in a sensor of this layout."""
-        return sensor.is_rotor or not self.rotor_only
+        return (sensor.is_rotor or not self.rotor_only) and (sensor.is_triad or not self.triad_only)
 
     def missing(self, conditions: Conditions) -> tuple[str, ...]:
         """Return the condition columns that the data lacks (absent or all empty), without which it cannot be asked."""

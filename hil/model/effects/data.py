@@ -35,11 +35,7 @@ class EarthRateFrame(Effect):
     follows = "heading"
     title = "Earth-rate sign or frame defect"
     equation = "R -= 2 w_used of the component whose sign is wrong"
-    parameters = (
-        Parameter("wrong_vertical", "1", (1.0, 1.0)),
-        Parameter("wrong_level_2", "1", (1.0, 1.0)),
-        Parameter("wrong_level_3", "1", (1.0, 1.0)),
-    )
+    parameters = tuple(Parameter(f"wrong_{part}", "1", (1.0, 1.0)) for part in ("vertical", "level_2", "level_3"))
     common_to_sensors = True
     signature = "Constant offsets: GSA by 2 W1 (17 deg/hr at 35 deg latitude), MUB by 2 W3, BB by 2 W2."
     confusable_with = ("earth",)

@@ -280,7 +280,7 @@ class LinearSensitivityScatter(_AnewInEachRun):
 
     id = "G_rr"
     of = LinearSensitivity()
-    rotor_only = False
+    rotor_only, triad_only = False, True
     title = "Run-to-run change of the acceleration sensitivity"
     equation = "G of run (or visit) k = G(T) + N(0, s_g), of every axis of a channel"
     parameters = (Parameter("s_g", "deg/hr/g", (0.5, 5.0), {"DTG": (0.02, 0.5), "MEMS": (0.5, 20.0)}),)
@@ -289,10 +289,6 @@ class LinearSensitivityScatter(_AnewInEachRun):
     kin = MappingProxyType({"g_sensitivity_T": 1.0})
     odds = 1.0 / 1.5  # the published list of effects lacks it
     experiment = "Repeat two opposite orientations three times without moving the unit between, then with."
-
-    def applies_to(self, sensor: Sensor) -> bool:
-        """Only to a triad."""
-        return sensor.is_triad
 
 
 class LinearSensitivityTemperature(LinearSensitivity):
@@ -323,15 +319,12 @@ class LinearSensitivityGain(_Gain):
     id = "g_gain"
     title = "Acceleration sensitivity's temperature dependence, in proportion"
     equation = "G *= 1 + a (T - T0), of each channel"
+    triad_only = True
     per_channel = True
     signature = "A channel's response to gravity changes by the same share in every orientation; its bias does not."
     confusable_with = ("scale", "g_sensitivity_T")
     known_as = "g_sensitivity"
     experiment = "The same orientations at two temperatures at least, revisited: the ratios within a row of G stay."
-
-    def applies_to(self, sensor: Sensor) -> bool:
-        """Only to a triad."""
-        return sensor.is_triad
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
         rates = np.einsum("nca,na->nc", required_base(self, base).k, conditions.f_g)

@@ -159,10 +159,7 @@ class AxialDriftJump(_Steps):
     title = "MU jump"
     equation = "MU += J from run r on, or in run r alone"
     rotor_only = True
-    parameters = (
-        Parameter("JMUA", "deg/hr/g", (5.0, 15.0), {"DTG": (0.1, 1.0)}),
-        Parameter("JMUB", "deg/hr/g", (5.0, 15.0), {"DTG": (0.1, 1.0)}),
-    )
+    parameters = tuple(Parameter(name, "deg/hr/g", (5.0, 15.0), {"DTG": (0.1, 1.0)}) for name in ("JMUA", "JMUB"))
     signature = "MU steps between two runs, at no particular temperature, and the bias does not."
     confusable_with = ("jump", "MU_rr", "MU_T")
     kin = MappingProxyType({"MU_T": 1.0})

@@ -92,11 +92,7 @@ class EarthRateError(Effect):
     follows = "heading"
     title = "Earth-rate knowledge error"
     equation = "R -= dW . channel axis, dW = used - true, along up, north and east"
-    parameters = (
-        Parameter("dW_up", "deg/hr", (0.02, 0.5)),
-        Parameter("dW_north", "deg/hr", (0.02, 0.5)),
-        Parameter("dW_east", "deg/hr", (0.02, 0.5)),
-    )
+    parameters = tuple(Parameter(f"dW_{way}", "deg/hr", (0.02, 0.5)) for way in ("up", "north", "east"))
     named_by_data = True
     accepted = r"dW_(up|north|east|(level|across)_.*)"
     common_to_sensors = True

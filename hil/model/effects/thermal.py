@@ -186,10 +186,7 @@ class AxialHysteresis(_Play):
     title = "Thermal hysteresis of MU"
     equation = "MU += h_MU (T - play(T, half_width)) / half_width"
     rotor_only = True
-    parameters = (
-        Parameter("h_MUA", "deg/hr/g", (1.0, 5.0), {"DTG": (0.05, 0.5)}),
-        Parameter("h_MUB", "deg/hr/g", (1.0, 5.0), {"DTG": (0.05, 0.5)}),
-    )
+    parameters = tuple(Parameter(name, "deg/hr/g", (1.0, 5.0), {"DTG": (0.05, 0.5)}) for name in ("h_MUA", "h_MUB"))
     signature = "MU is another coming from below and from above, and the bias is not."
     confusable_with = ("MU_jump", "MU_T", "MU_rr")
     odds = 0.5  # the reference has one entry for both; that of the bias is the usual one
