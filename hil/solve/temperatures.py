@@ -300,11 +300,14 @@ def unsettled(conditions: Conditions) -> dict[int, str]:
                 settled = nearest if usual is not None else np.inf if unknown else settled
             elsewhere = np.fmax(to_come[here], np.abs(own[here] - settled)) > far
             off = here[elsewhere if several else moves]
+            began, ended = np.min(conditions.start_s[here]), np.max(conditions.start_s[here])
+            again = np.any((meant != place) & (conditions.start_s > began) & (conditions.start_s < ended))
+            still = setpoint is not None and not to_come[off].any()
             moving, why = f"went from {own[here].min():z.1f} to {own[here].max():z.1f} °C through {of}", NOT_SETTLED
             if not several:
                 moving = f"moved by up to {slope[off].max():.2g} °C/min, at {known_mean(own[off]):z.1f} °C in the mean"
-            elif setpoint is not None and not to_come[off].any():
-                moving, why = f"shows {_levels(conditions, own, here)}", f"it {_OR_OFF}"
+            elif still or again:
+                moving, why = f"shows {_levels(conditions, own, here)}", f"it {_OR_OFF}" if still else NOT_SETTLED
             words = f"{at}the unit's own thermometer {moving}: {why}"
             found |= dict.fromkeys(np.unique(conditions.run[off]).tolist(), words)
     return found

@@ -73,7 +73,8 @@ class ParameterFit:
             # What the form does not describe stands in the errors of its coefficients.
             coefficients = replace(coefficients, covariance=coefficients.covariance * ratio)
         self.coefficients, self.curve = coefficients, _curve(layout, self.unit, order, coefficients)
-        self.repeatability = float(np.nanmedian(seen.of_each[:, place]))  # one that is huge says nothing of the others
+        told = seen.of_each[np.isfinite(seen.values[:, place]), place]
+        self.repeatability = float(np.nanmedian(told))  # one that is huge says nothing of the others
         self.together = len(layout.form.names)
         self.repeats = int(seen.spread.degrees[place])
         self.repeated = bool(self.repeats)

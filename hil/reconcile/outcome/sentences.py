@@ -45,6 +45,8 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
     """
     only = result.verdict in {"named", "ambiguous"} and all(effect.mends_labels for effect in result.effects)
     kind = "labels" if only else result.verdict if result.tested else "untested"
+    if kind == NO_NAME and any(_named(each) for effect in result.effects for each in effect.confusable_with):
+        kind = "ambiguous"
     after = (result.twin or {}).get("after", {})
     apart = after.get("p_value", 1.0) < ALPHA
     beyond = result.left.beyond_errors
@@ -205,7 +207,7 @@ def _usual(result: Reconciliation, effect: FoundEffect, same: Sequence[Rival]) -
 
     What follows a curve has no name, and nothing expects it.
     """
-    named = [each for each in same if not each.id.startswith(NO_NAME)]
+    named = [each for each in same if _named(each)]
     if not named:
         return f"{effect.id} is the only one of them that has a name"
     odds = {each.id: each.prior_odds if each.prior_odds is not None else 1.0 for each in named}
@@ -216,6 +218,11 @@ def _usual(result: Reconciliation, effect: FoundEffect, same: Sequence[Rival]) -
     if times < _EXPECTED:
         return f"{effect.id} is not known to be much more usual, at this size"
     return f"physics expects {expected}: {by}, {in_times(times)} as probable{of}"
+
+
+def _named(rival: Rival) -> bool:
+    """Whether it is an effect of the catalogue, and no collect tells it apart."""
+    return rival.untold and not rival.id.startswith(NO_NAME)
 
 
 def gap_in_words(result: Reconciliation) -> list[str]:
@@ -238,10 +245,13 @@ def gap_in_words(result: Reconciliation) -> list[str]:
     noise = f"noise alone leaves {number(gap.noise_floor)}"
     if gap.after < _FALLS * gap.before or score is None:
         return [f"With {listed(mended)} {falls}; {noise}."]
-    better = float(np.exp(score["after"] - score["before"]))  # what only scatters moves no average
+    better = float(np.exp(score["after"] - score["before"]))
+    scatters = all(effect.acts_on == "scatter" for effect in result.effects if not effect.mends_labels)
+    stays = f"the mean gap stays, {number(gap.after)} deg/hr"
+    hardly = f"the mean gap hardly shows it, {number(gap.before)} and {number(gap.after)} deg/hr"
     return [
         f"With {listed(mended)} every rate {how} is {in_times(better)} as probable as before.",
-        f"It scatters and moves no average: the mean gap stays, {number(gap.after)} deg/hr; {noise}.",
+        f"{f'It scatters and moves no average: {stays}' if scatters else f'T{hardly[1:]}'}; {noise}.",
     ]
 
 
