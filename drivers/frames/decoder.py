@@ -11,14 +11,14 @@ A sample begins with a frame that does not come behind the one before it in the 
 that did not arrive is NaN, and counts as lost. The sample whose parts may still come is kept for the next feed.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.frames.batch import Decoded, FrameBatch, VariedBatch, join
+from drivers.frames.batch import Decoded, FrameBatch, Part, join
 from drivers.frames.counts import StreamCounts
 from drivers.frames.description import FrameDescription, StreamDescription
 from drivers.frames.layout import FrameFamily, FrameLayout, ItemsFamily
@@ -54,22 +54,20 @@ class FrameSequence:
         """Frames are left out on purpose from here to the next one: they are not lost, and it repeats nothing."""
         self._continuous = False
 
-    def take(
-        self, n: int, told: Callable[[str], Mask], wire: Callable[[str], NDArray[Any]]
-    ) -> tuple[Mask, IntArray, int]:
-        """Make n frames a part of the sequence; `told` says which have a field, `wire` gives its values.
+    def take(self, batch: FrameBatch) -> tuple[Mask, IntArray, int]:
+        """Make n frames a part of the sequence.
 
-        Return which rows are no repetitions, shape (n,), their numbers, shape (kept,), and how many frames were lost
+        Return which of them are no repetitions, shape (n,), their numbers, shape (kept,), and how many frames were lost
         between them. Frames that lack the counter (it may be an item) do not move it: they get that of the one before.
         """
-        told_by = self._told_by
+        told_by, n = self._told_by, len(batch)
         if told_by is None or not n:
             first, self.number = self.number + 1, self.number + n
             return np.ones(n, np.bool_), first + np.arange(n, dtype=np.int64), 0
-        first, there = self.number, told(told_by.field)
+        first, there = self.number, batch.told(told_by.field)
         if not there.any():
             return np.ones(n, np.bool_), np.full(n, first), 0
-        values, every = wire(told_by.field), there.all()
+        values, every = batch.wire(told_by.field), there.all()
         values = values if every else values[there]
         # Decimals of a line of text stay what they are.
         numbers, lost, moved = self._follow(
@@ -150,19 +148,20 @@ class SampleJoiner:
         numbers = np.empty(len(order), np.int64)
         numbers[order] = sample
         edges = np.cumsum([0, *(len(batch) for _, batch in there)])
-        parts, places = [], []
-        for edge, (_, batch) in zip(edges, there, strict=False):
+        parts, places, begun = list[Part](), list[IntArray](), np.empty(n, np.int64)
+        for edge, (_, batch) in reversed(list(zip(edges, there, strict=False))):
             place = numbers[edge : edge + len(batch)]
             keep = place < n
-            parts.append(batch.select(keep, batch.sequence[keep]))
+            parts[:0] = [(layout, rows[keep[at]], place[at][keep[at]]) for layout, rows, at in batch.parts]
             places.append(place[keep])
+            begun[place[keep]] = batch.starts[keep]  # a sample begins with its first part
         frames = sum(map(len, places))
         missing = n * len(self.parts) - sum(len(np.unique(place)) for place in places)
         if self._by is None:
             missing -= 0 if self._begun else int(part[0])
             missing -= len(self.parts) - 1 - int(part[-1]) if last and not whole else 0
         self._begun = True
-        return VariedBatch(parts, places, np.arange(n), self.layout), frames, missing
+        return FrameBatch(self.layout, parts, begun, np.arange(n)), frames, missing
 
 
 class StreamDecoder:
@@ -297,7 +296,7 @@ class StreamDecoder:
 
 def _numbered(batch: FrameBatch, sequence: FrameSequence) -> tuple[FrameBatch, int, int]:
     """Return a batch without repetitions and with its numbers, how many frames were lost, and were repeated."""
-    keep, numbers, missing = sequence.take(len(batch), batch.told, batch.wire)
+    keep, numbers, missing = sequence.take(batch)
     repeated = len(batch) - len(numbers)
     if repeated:
         return batch.select(keep, numbers), missing, repeated
@@ -307,4 +306,4 @@ def _numbered(batch: FrameBatch, sequence: FrameSequence) -> tuple[FrameBatch, i
 
 def _no_frames(layout: FrameLayout) -> FrameBatch:
     nothing = np.empty(0, np.int64)
-    return FrameBatch(layout, np.empty((0, layout.length), np.uint8), nothing, nothing)
+    return FrameBatch(layout, [(layout, np.empty((0, layout.length), np.uint8), slice(None))], nothing, nothing)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers.frames.batch import FrameBatch, VariedBatch
+from drivers.frames.batch import FrameBatch
 from drivers.frames.description import StreamDescription, load_description, parse_description
 from drivers.frames.wire import FloatArray
 
@@ -120,10 +120,8 @@ class SteadyPhysics:
 
 def frames_of(batch: FrameBatch) -> list[bytes]:
     """Return the bytes of every frame of a batch; of a sample, those of its parts."""
-    if not isinstance(batch, VariedBatch):
-        return [row.tobytes() for row in batch.rows]
     found = [b""] * len(batch)
-    for place, part in zip(batch.places, batch.parts, strict=True):
-        for at, frame in zip(place.tolist(), frames_of(part), strict=True):
-            found[at] += frame
+    for _, rows, at in batch.parts:
+        for place, row in zip(np.arange(len(batch))[at].tolist(), rows, strict=True):
+            found[place] += row.tobytes()
     return found

@@ -45,7 +45,7 @@ def decode(description: StreamDescription, pieces: list[bytes], *, finish: bool 
     for decoded in results:
         outcome.counts += decoded.counts
         for name, batch in decoded.frames.items():
-            outcome.frames.setdefault(name, []).extend(row.tobytes() for row in batch.rows)
+            outcome.frames.setdefault(name, []).extend(frames_of(batch))
             outcome.starts.setdefault(name, []).extend(batch.starts.tolist())
             outcome.sequence.setdefault(name, []).extend(batch.sequence.tolist())
     return outcome
