@@ -55,32 +55,30 @@ class FrameSequence:
         self._continuous = False
 
     def take(self, batch: FrameBatch) -> tuple[Mask, IntArray, int]:
-        """Make n frames a part of the sequence.
+        """Make n ≥ 1 frames a part of the sequence.
 
         Return which of them are no repetitions, shape (n,), their numbers, shape (kept,), and how many frames were lost
         between them. Frames that lack the counter (it may be an item) do not move it: they get that of the one before.
         """
-        told_by, n = self._told_by, len(batch)
-        if told_by is None or not n:
-            first, self.number = self.number + 1, self.number + n
-            return np.ones(n, np.bool_), first + np.arange(n, dtype=np.int64), 0
-        first, there = self.number, batch.told(told_by.field)
-        if not there.any():
-            return np.ones(n, np.bool_), np.full(n, first), 0
-        values, every = batch.wire(told_by.field), there.all()
-        values = values if every else values[there]
-        # Decimals of a line of text stay what they are.
-        numbers, lost, moved = self._follow(
-            self._steps(told_by, values if values.dtype.kind == "f" else values.astype(np.int64))
-        )
-        if every:
-            return moved, numbers[moved], lost
-        keep, before = np.ones(n, np.bool_), np.cumsum(there) - 1
-        keep[there] = moved
-        return keep, np.where(before >= 0, numbers[before], first)[keep], lost
+        told_by, there, steps = self._told_by, np.ones(len(batch), np.bool_), np.ones(len(batch), np.int64)
+        if told_by is not None:
+            there, steps = batch.told(told_by.field), np.zeros_like(steps)
+            if there.any():
+                steps[there] = self._steps(told_by, batch.wire(told_by.field)[there])
+        first, left_out = int(np.argmax(there)), 0
+        if not self._continuous and there[first]:
+            steps[first] = max(1, int(steps[first]))
+            left_out, self._continuous = int(steps[first]) - 1, True
+        moved, numbers = steps != 0, self.number + np.cumsum(steps)
+        lost = int(numbers[-1]) - self.number - int(np.count_nonzero(moved)) - left_out
+        self.number = int(numbers[-1])
+        kept = moved | ~there
+        return kept, numbers[kept], lost
 
     def _steps(self, told_by: CounterDescription | TimeDescription, values: NDArray[Any]) -> IntArray:
         """Return by how many frames each is ahead of the one before; the very first is one step ahead of nothing."""
+        # Decimals of a line of text stay what they are.
+        values = values if values.dtype.kind == "f" else values.astype(np.int64)
         step = told_by.step if isinstance(told_by, CounterDescription) else 0
         moved = np.diff(values, prepend=values[0] - step if self.last is None else self.last)
         if told_by.modulus is not None:
@@ -90,16 +88,6 @@ class FrameSequence:
             return np.maximum(1, np.rint(moved * (self._rate_hz * told_by.resolution))).astype(np.int64)
         # A counter between two steps belongs to the nearer; one that moved at all is no repetition.
         return np.where(moved == 0, 0, np.maximum(1, (moved + step // 2) // step)).astype(np.int64)
-
-    def _follow(self, steps: IntArray) -> tuple[IntArray, int, NDArray[np.bool_]]:
-        """Return the sequence after `steps`, how many frames were lost, and which are no repetitions."""
-        if not self._continuous:
-            steps[0] = max(1, int(steps[0]))
-        moved, sequence = steps != 0, self.number + np.cumsum(steps)
-        left_out = 0 if self._continuous else int(steps[0]) - 1
-        lost = int(sequence[-1]) - self.number - int(np.count_nonzero(moved)) - left_out
-        self.number, self._continuous = int(sequence[-1]), True
-        return sequence, lost, moved
 
 
 class SampleJoiner:
