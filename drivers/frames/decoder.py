@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from drivers.frames.batch import Decoded, FrameBatch, Part, join
 from drivers.frames.counts import StreamCounts
 from drivers.frames.description import FrameDescription, StreamDescription
-from drivers.frames.layout import FrameFamily, FrameLayout, ItemsFamily
+from drivers.frames.layout import FrameFamily, FrameLayout
 from drivers.frames.packets import LONGEST
 from drivers.frames.roles import CounterDescription, TimeDescription
 from drivers.frames.scan import Group, PacketScanner, Scan, Scanner, Standing
@@ -161,11 +161,7 @@ class StreamDecoder:
 
     def __init__(self, description: StreamDescription) -> None:
         self._description = description
-        plain = [
-            ItemsFamily(description, name, frame.items) if frame.items else FrameFamily(description, name)
-            for name, frame in description.frames.items()
-            if not frame.parts
-        ]
+        plain = [FrameFamily(description, name) for name, frame in description.frames.items() if not frame.parts]
         packets = description.packets
         self._scanner = PacketScanner(description.sync, plain, packets) if packets else Scanner(description.sync, plain)
         self._names = [family.name for family in plain]

@@ -260,7 +260,10 @@ def encode(description: StreamDescription, frame: str, columns: Mapping[str, Arr
 
 
 class FrameFamily:
-    """One frame type, whose length is fixed or stands in the frame; what is `optional` may follow each frame."""
+    """One frame type: its length is fixed or stands in the frame, and each frame may have items of its own.
+
+    What is `optional` may follow each frame.
+    """
 
     def __init__(self, description: StreamDescription, name: str) -> None:
         self.name = name
@@ -272,14 +275,17 @@ class FrameFamily:
         self.optional = b"" if self.description.text else description.optional_delimiter
         length = self.description.length
         self._told = length if isinstance(length, LengthDescription) else None
-        self._stream, self._text = description, self.description.text
+        self._stream, self._text, self._items = description, self.description.text, self.description.items
         self._layout_of = lru_cache(_MOST_FORMS)(self._layout)
         self.shortest_layout = self._layout_of(self.shortest)
 
-    def _layout(self, length: int) -> FrameLayout:
+    def _layout(self, length: int, walked: tuple[Item, ...] = ()) -> FrameLayout:
         if self._text is not None:
             return TextLayout(self._stream, self.name, self._text, length)
-        return FrameLayout(self._stream, self.name, length=length)
+        fields, offsets = dict(self.description.fields), self._stream.offsets(self.name)
+        for name, field, offset in self._items.placed(walked) if self._items else ():
+            fields[name], offsets[name] = field, offset
+        return FrameLayout(self._stream, self.name, length=length, fields=fields, offsets=offsets)
 
     def length_of(self, data: bytes, start: int) -> int | None:
         """Return the length of the frame at `start`: 0 where it is none, None where it is not told yet."""
@@ -290,8 +296,10 @@ class FrameFamily:
     def form(self, frame: bytes) -> FrameLayout | Flaw:
         """Return the layout of a whole frame, or what is wrong with it."""
         layout = self._layout_of(len(frame))
-        flaw = layout.flaw(frame)
-        return layout if flaw is None else flaw
+        if (flaw := layout.flaw(frame)) is not None or self._items is None:
+            return layout if flaw is None else flaw
+        walked = self._walked(frame, self._items)
+        return Flaw.CHECKSUM if walked is None else self._layout_of(len(frame), tuple(walked))
 
     def alike(self, rows: Rows, layout: FrameLayout) -> NDArray[np.bool_]:
         """Tell which of n stretches as long as a good frame, the first, (n, length), are good frames of its form."""
@@ -301,41 +309,14 @@ class FrameFamily:
         if self.delimiter:
             ends = rows[:, rows.shape[1] - len(self.delimiter) :] == np.frombuffer(self.delimiter, np.uint8)
             alike &= ends.all(axis=1)
-        if self._told is not None:
-            alike &= (rows[:, self._told.places] == rows[0, self._told.places]).all(axis=1)
-        return alike
+        tells = [] if self._told is None else self._told.places  # the form
+        if self._items is not None:
+            walked = self._walked(rows[0].tobytes(), self._items) or ()
+            tells = [*tells, *(byte for item in walked for byte in range(item.at, item.data))]
+        return np.asarray(alike & (rows[:, tells] == rows[0, tells]).all(axis=1)) if tells else alike
 
-
-class ItemsFamily(FrameFamily):
-    """A frame type with items, of which each frame has its own."""
-
-    def __init__(self, description: StreamDescription, name: str, items: ItemsDescription) -> None:
-        super().__init__(description, name)
-        self._items = items
-        self._filled = lru_cache(_MOST_FORMS)(self._layout_of_items)
-
-    def form(self, frame: bytes) -> FrameLayout | Flaw:
-        base = super().form(frame)
-        if isinstance(base, Flaw):
-            return base
-        walked = self._walked(frame, base)
-        return Flaw.CHECKSUM if walked is None else self._filled(len(frame), tuple(walked))
-
-    def alike(self, rows: Rows, layout: FrameLayout) -> NDArray[np.bool_]:
-        walked = self._walked(rows[0].tobytes(), layout)
-        same = [byte for item in walked or () for byte in range(item.at, item.data)]  # what tells the form
-        return np.asarray(super().alike(rows, layout) & (rows[:, same] == rows[0, same]).all(axis=1))
-
-    def _walked(self, frame: bytes, base: FrameLayout) -> list[Item] | None:
-        begin, longer = self._items.begin, self._told and self._told.extended
-        if self._told and longer and self._items.extended_begin and frame[self._told.at] == longer.mark:
-            begin = self._items.extended_begin
-        end = self.description.checksum.content_end(base.length - len(base.delimiter))
-        return self._items.walk(frame, begin, end)
-
-    def _layout_of_items(self, length: int, walked: tuple[Item, ...]) -> FrameLayout:
-        base = self._layout_of(length)
-        fields, offsets = dict(base.fields), dict(base.offsets)
-        for name, field, offset in self._items.placed(walked):
-            fields[name], offsets[name] = field, offset
-        return FrameLayout(self._stream, self.name, length=length, fields=fields, offsets=offsets)
+    def _walked(self, frame: bytes, items: ItemsDescription) -> list[Item] | None:
+        begin, longer = items.begin, self._told and self._told.extended
+        if self._told and longer and items.extended_begin and frame[self._told.at] == longer.mark:
+            begin = items.extended_begin
+        return items.walk(frame, begin, self.description.checksum.content_end(len(frame) - len(self.delimiter)))
