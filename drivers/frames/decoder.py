@@ -27,7 +27,6 @@ from drivers.frames.roles import CounterDescription, TimeDescription
 from drivers.frames.scan import Group, PacketScanner, Scan, Scanner, Standing
 from drivers.frames.wire import IntArray
 
-_FEW = 4096  # bytes below which looking at frames one by one is faster
 _PIECE = 16384  # frames that are verified at once; their bytes stay in the processor's cache
 _USUAL_LENGTH = 64  # bytes; a type whose frames may be much longer is not looked at in larger pieces
 _OF_A_SCAN = ("bad_checksum", "bad_delimiter", "unknown_id", "resyncs")
@@ -174,9 +173,6 @@ class StreamDecoder:
         self._taken = {part for each in self._joined for part in each.parts}
         longest = max(family.longest + len(family.optional) for family in plain)
         self._piece_bytes = max(_PIECE * min(longest, _USUAL_LENGTH), 4 * longest, 4 * LONGEST)
-        self._least_bytes = max(_FEW, 4 * longest)
-        self._run_bytes = self._piece_bytes  # of the last frames without a flaw; the next ones probably go on as long
-        self._runs, self._stretch_bytes = True, self._least_bytes  # whether, else how far not, runs are looked for
         self._rest = b""
         self._position = 0  # of the first byte of the rest, in the stream
         self._standing = Standing()
@@ -211,7 +207,8 @@ class StreamDecoder:
         at = timed_out = 0
         while at < len(buffer):
             end = min(at + self._piece_bytes, len(buffer))
-            scan = self._scan(buffer, at, end, give_up=give_up)
+            scan = self._scanner.scan(buffer[at:end], self._standing, last=give_up and end == len(buffer))
+            scan.reach *= end == len(buffer)  # it waits only where more is to arrive
             scans.append((at, scan))
             at += scan.stop
             self._standing = scan.standing
@@ -225,26 +222,6 @@ class StreamDecoder:
         self._rest = buffer[at:]
         self._position += at
         return decoded
-
-    def _scan(self, buffer: bytes, at: int, end: int, *, give_up: bool) -> Scan:
-        """Look at what lies between two places, or at a part of it; it waits only where more is to arrive."""
-        if isinstance(self._scanner, PacketScanner):
-            scan = self._scanner.scan(buffer[at:end], self._standing, last=give_up and end == len(buffer))
-        else:
-            clean = None
-            if self._runs and end - at >= _FEW:
-                clean = self._scanner.scan_clean(buffer[at : min(end, at + 2 * self._run_bytes)], self._standing)
-            self._runs = clean is None or clean.stop >= _FEW
-            if clean is not None:
-                # Where runs are short, looking for them costs more than looking at frames one by one.
-                longer = min(2 * self._stretch_bytes, self._piece_bytes)
-                self._stretch_bytes = self._least_bytes if self._runs else longer
-                self._run_bytes = max(clean.stop, self._least_bytes)
-                return clean
-            end = min(end, at + self._stretch_bytes)
-            scan = self._scanner.scan_few(buffer[at:end], self._standing, last=give_up and end == len(buffer))
-        scan.reach *= end == len(buffer)
-        return scan
 
     def _account(self, scans: Sequence[tuple[int, Scan]], *, consumed: int, timed_out: int, last: bool) -> Decoded:
         frames: dict[str, FrameBatch] = {}

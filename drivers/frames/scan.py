@@ -1,10 +1,10 @@
-"""Finding the good frames in a piece of a stream, or in its packets: two ways to look at it, one meaning.
+"""Finding the good frames in a piece of a stream, or in its packets.
 
 The meaning is that of a reader who stands at one byte at a time. Where a header begins and the whole frame is there,
 its checksum and delimiter are verified: a good frame is taken and the reader goes on behind it; otherwise he goes on
 ONE byte, so that a damaged frame never takes a good neighbour with it. Where the frame (or the header) is not all
-there yet, he stops and waits. `scan_few` does exactly that, frame by frame. `scan_clean` takes frames of one form that
-follow one another without a flaw, all at once. Which one is used is a matter of speed only.
+there yet, he stops and waits. Frames of one form that go on following one another without a flaw are taken at once, as
+many as have earned it by those before them. Whether they are is a matter of speed only.
 
 A candidate that fails is counted once: what looks like a header inside it is not counted again. Where a checksum asks
 for confirmation, a frame that does not follow a good one directly is believed only where the next header follows it or
@@ -12,7 +12,7 @@ its counter goes on from the last good frame of its type; where neither is there
 """
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -59,17 +59,17 @@ class Scan:
     resyncs: int = 0
 
 
-def grouped(found: Iterable[Found]) -> list[list[Group]]:
+def grouped(found: Found) -> list[Group]:
     """Return frames that were found one by one as groups: bytes (n, length) and places (n,) of each form."""
     return [
-        [
-            (layout, np.frombuffer(b"".join(frames), np.uint8).reshape(len(frames), -1), np.array(starts, np.int64))
-            for layout, frames, starts in forms.values()
-        ]
-        for forms in found
+        (layout, np.frombuffer(b"".join(frames), np.uint8).reshape(len(frames), -1), np.array(starts, np.int64))
+        for layout, frames, starts in found.values()
     ]
 
 
+_FEW = 4096  # bytes below which looking at frames one by one is faster
+_NONE: Rows = np.empty((0, 0), np.uint8)
+_TRUST = 4  # times as many frames are looked at at once as went before without a flaw
 _GOES_ON = 8  # frames that may be missing before one that its counter confirms
 _TELLING = 64  # frames after which a counter comes round, at least, for it to confirm anything
 
@@ -96,6 +96,8 @@ class Scanner:
         """Forget what was seen of the unit."""
         self._newest: dict[int, tuple[FrameLayout, bytes]] = {}  # by frame type, for counters that confirm
         self._delimited: bool | None = None  # whether it sends the optional delimiter
+        self._streak, self._form = 0, self._families[0].shortest_layout  # how many frames of it followed one another
+        self._worth = _FEW  # bytes to look at at once: where runs were short, more
 
     def _which(self, match: re.Match[bytes] | None) -> tuple[Header, int] | None:
         """Return the header that was found with its frame type, None where it is the sync alone, or nothing."""
@@ -138,15 +140,15 @@ class Scanner:
         moved = (values[1] - values[0]) % counter.modulus
         return moved % counter.step == 0 and 1 <= moved // counter.step <= _GOES_ON
 
-    def scan_few(self, data: bytes, standing: Standing, *, last: bool = False) -> Scan:
-        """Scan frame by frame; `last`: nothing follows."""
-        found: list[Found] = [{} for _ in self._families]
-        result = Scan(len(data), standing, [])
+    def scan(self, data: bytes, standing: Standing, *, last: bool = False) -> Scan:
+        """Scan a piece; `last`: nothing follows."""
+        single: list[Found] = [{} for _ in self._families]
+        result = Scan(len(data), standing, [[] for _ in self._families])
         in_step, claimed = standing.in_step, standing.claimed
         # Of a unit that sent none, one may begin behind a frame that was not held back for it.
         begun = self._behind(self._optional, data, 0, last) if in_step and self._delimited is False else b""
         if not isinstance(begun, bytes):
-            return Scan(0, standing, grouped(found), reach=len(self._optional))
+            return Scan(0, standing, result.found, reach=len(self._optional))
         at = end = result.stuffing = len(begun)  # the byte that is looked at; the end of the last good frame
         size = len(data)
         while True:
@@ -189,37 +191,36 @@ class Scanner:
                     result.bad_delimiter += form is Flaw.DELIMITER
                     claimed = start + length
                 continue
-            _, frames, starts = found[index].setdefault(id(form), (form, [], []))
-            frames.append(frame)
-            starts.append(start)
-            result.resyncs += start != end or not in_step
+            follows = in_step and start == end
+            result.resyncs += not follows
+            self._streak, self._form = self._streak + 1 if follows and form is self._form else 1, form
+            each, taken = length + len(behind), 1  # bytes, and frames
+            most = min(_TRUST * self._streak, (size - start) // each)
+            worth = most * each >= self._worth
+            run = self._run(data[start:], most, which[0], index, form, behind) if worth else _NONE
+            if len(run):
+                taken, frame = len(run), run[-1].tobytes()
+                places = start + np.arange(taken, dtype=np.int64) * each
+                result.found[index] += [*grouped(single[index]), (form, run, places)]
+                single[index] = {}
+            else:
+                _, frames, starts = single[index].setdefault(id(form), (form, [], []))
+                frames.append(frame)
+                starts.append(start)
             in_step, claimed = True, 0
-            at = end = start + length + len(behind)
-            result.stuffing += len(behind)
+            at = end = start + taken * each
+            result.stuffing += taken * len(behind)
             if self._confirms:
                 self._newest[index] = (form, frame)
         result.standing = Standing(in_step and end == result.stop, claimed).moved(result.stop)
-        result.found = grouped(found)
+        result.found = [several + grouped(one) for several, one in zip(result.found, single, strict=True)]
         return result
 
-    def scan_clean(self, data: bytes, standing: Standing) -> Scan | None:
-        """Take at once frames of one form that follow one another without a flaw from the first byte on, or None."""
-        which = self._which(self._known.match(data))
-        if which is None:
-            return None
-        header, index = which
+    def _run(self, data: bytes, most: int, header: Header, index: int, form: FrameLayout, behind: bytes) -> Rows:
+        """Return the good frame at the beginning and those like it, `most` in all, that follow it without a flaw."""
         family = self._families[index]
-        length = family.length_of(data, 0)
-        behind = family.optional if self._delimited else b""
-        size = length + len(behind) if length else 0
-        undecided = bool(family.optional) and self._delimited is None
-        if not length or size > len(data) or undecided or (family.confirm and not standing.in_step):
-            return None
-        form = family.form(data[:length])
-        if isinstance(form, Flaw):
-            return None
-        whole = np.frombuffer(data, np.uint8, len(data) // size * size).reshape(-1, size)
-        rows = np.ascontiguousarray(whole[:, :length])
+        whole = np.frombuffer(data, np.uint8, most * (form.length + len(behind))).reshape(most, -1)
+        rows = np.ascontiguousarray(whole[:, : form.length])
         begins = rows[:, : len(header)] == np.frombuffer(header, np.uint8)
         if None in header.told:
             begins |= [byte is None for byte in header.told]
@@ -227,19 +228,10 @@ class Scanner:
         if not begins.all():
             run &= begins.all(axis=1)
         if behind:
-            run &= (whole[:, length:] == np.frombuffer(behind, np.uint8)).all(axis=1)
-        n = len(rows) if run.all() else int(np.argmin(run))
-        more = b"" if behind else self._behind(family.optional, data, n * length, last=False)
-        if more is None:
-            n, more = n - 1, b""
-        if not n or isinstance(more, Flaw):
-            return None
-        if self._confirms:
-            self._newest[index] = (form, rows[n - 1].tobytes())
-        group = (form, rows[:n], np.arange(n, dtype=np.int64) * size)
-        found: list[list[Group]] = [[group] if other is family else [] for other in self._families]
-        stuffing = n * len(behind) + len(more)
-        return Scan(n * size + len(more), Standing(), found, stuffing=stuffing, resyncs=int(not standing.in_step))
+            run &= (whole[:, form.length :] == np.frombuffer(behind, np.uint8)).all(axis=1)
+        n = most if run.all() else int(np.argmin(run))
+        self._streak, self._worth = (self._streak + n, _FEW) if n == most else (0, 2 * self._worth)
+        return rows[: n - (bool(family.optional) and not behind)]  # one may begin behind the last
 
 
 class PacketScanner(Scanner):
@@ -249,7 +241,7 @@ class PacketScanner(Scanner):
         super().__init__(sync, families)
         self._packets = packets
 
-    def scan(self, data: bytes, standing: Standing, *, last: bool) -> Scan:
+    def scan(self, data: bytes, standing: Standing, *, last: bool = False) -> Scan:
         """Scan the packets that end in `data`; what follows them waits for its end, unless it is too long for one."""
         found: list[Found] = [{} for _ in self._families]
         result, in_step = Scan(0, standing, []), standing.in_step
@@ -280,5 +272,5 @@ class PacketScanner(Scanner):
         if last or len(data) - result.stop > 2 * LONGEST:
             result.stop, in_step = len(data), in_step and result.stop == len(data)
         result.reach = len(data) - result.stop
-        result.standing, result.found = Standing(in_step), grouped(found)
+        result.standing, result.found = Standing(in_step), [grouped(each) for each in found]
         return result

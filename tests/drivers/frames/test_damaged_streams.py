@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.frames import decoder as decoder_module
+from drivers.frames import scan as scan_module
 from drivers.frames.counts import StreamCounts
 from drivers.frames.decoder import StreamDecoder
 from drivers.frames.description import StreamDescription, parse_description
@@ -179,7 +180,7 @@ def test_items_that_do_not_fill_their_frame_make_it_a_bad_one() -> None:
 
 def test_frames_of_one_length_with_other_items_are_told_apart(monkeypatch: pytest.MonkeyPatch) -> None:
     """Those that follow one another without a flaw are read at once only as far as their items are the same."""
-    monkeypatch.setattr(decoder_module, "_FEW", 0)
+    monkeypatch.setattr(scan_module, "_FEW", 0)
     frames = [long(bytes([known, 2, 0x12, 0x34])) for known in (7, 7, 9, 9, 7)]
     decoded = StreamDecoder(weak()).feed(b"".join(frames) + long(b"\x07\x05\x12\x34") + frames[0] + fixed(0))
     assert decoded["long"].column("a").tolist() == pytest.approx(
@@ -235,11 +236,11 @@ def weak_streams(draw: st.DrawFn) -> bytes:
 def same_however_it_is_cut(description: StreamDescription, stream: bytes, places: list[int]) -> Outcome:
     """Assert that neither the cut nor the speed changes anything; return what was decoded."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(decoder_module, "_FEW", 10**9)
+        patch.setattr(scan_module, "_FEW", 10**9)
         slow = decode(description, [stream])
         assert decode(description, cut(stream, places)) == slow
         assert decode(description, [stream[at : at + 1] for at in range(len(stream))]) == slow
-        patch.setattr(decoder_module, "_FEW", 0)
+        patch.setattr(scan_module, "_FEW", 0)
         assert decode(description, [stream]) == slow
         patch.setattr(decoder_module, "_PIECE", 0)
         assert decode(description, [stream]) == slow

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.frames import decoder as decoder_module
+from drivers.frames import scan as scan_module
 from drivers.frames.counts import StreamCounts
 from drivers.frames.decoder import StreamDecoder
 from drivers.frames.description import StreamDescription, parse_description
@@ -24,7 +25,7 @@ SPEEDS = {"frame by frame": 10**9, "many at once": 0}
 @pytest.fixture(params=SPEEDS)
 def speed(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
     """Make the decoder look at frames one by one, or at many at once however few there are."""
-    monkeypatch.setattr(decoder_module, "_FEW", SPEEDS[request.param])
+    monkeypatch.setattr(scan_module, "_FEW", SPEEDS[request.param])
     return str(request.param)
 
 
@@ -269,11 +270,11 @@ def cut(stream: bytes, places: list[int]) -> list[bytes]:
 def same_at_every_cut_and_speed(description: StreamDescription, stream: bytes, places: list[int]) -> None:
     """Frame by frame, many at once, in one piece, in several, byte by byte: the same frames, places and counts."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(decoder_module, "_FEW", SPEEDS["frame by frame"])
+        patch.setattr(scan_module, "_FEW", SPEEDS["frame by frame"])
         slow = decode(description, [stream])
         assert decode(description, cut(stream, places)) == slow
         assert decode(description, [stream[at : at + 1] for at in range(len(stream))]) == slow
-        patch.setattr(decoder_module, "_FEW", SPEEDS["many at once"])
+        patch.setattr(scan_module, "_FEW", SPEEDS["many at once"])
         patch.setattr(decoder_module, "_PIECE", 2)
         assert decode(description, [stream]) == slow
         assert decode(description, cut(stream, places)) == slow
