@@ -1,8 +1,8 @@
 """A frame type made ready for work: where its fields lie, frames as columns, frames from columns, what a frame is."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from enum import IntEnum
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -68,6 +68,8 @@ class FrameLayout:
         form = {"names": [*native], "formats": [*native.values()], "offsets": places, "itemsize": size}
         self.record: np.dtype[np.void] = np.dtype(form)  # type: ignore[call-overload]
         self.assembled = [name for name in self.numeric if name not in native]
+        self._factors = np.array([self.factor(name) for name in self.numeric])[:, None]
+        self._added = np.array([field.offset for field in self.numeric.values()])[:, None]
 
     def factor(self, field: str) -> float:
         """Return what one wire count of a numeric field is worth, in its unit."""
@@ -116,32 +118,20 @@ class FrameLayout:
         mask = told.dtype.type(when.mask) if when.mask is not None else ~told.dtype.type(0)
         return np.asarray((told & mask) == when.equals)
 
-    @cached_property
-    def _conversions(self) -> tuple[Sequence[tuple[str, bool]], FloatArray, FloatArray, Sequence[tuple[int, str]]]:
-        """Of every numeric field name and whether its width is native; factors and offsets, (k, 1); who takes turns."""
-        fields = self.numeric.items()
-        return (
-            [(name, name not in self.assembled) for name in self.numeric],
-            np.array([self.factor(name) for name in self.numeric])[:, None],
-            np.array([field.offset for _, field in fields])[:, None],
-            [(row, name) for row, (name, field) in enumerate(fields) if field.when is not None],
-        )
-
     def columns(self, rows: Rows) -> dict[str, FloatArray]:
         """Return all numeric fields of n frames in their units, each of shape (n,); NaN where a field is not there."""
         n = len(rows)
         values = np.empty((len(self.numeric), n))
-        fields, factors, offsets, turns = self._conversions
         for start in range(0, n, _BLOCK):
             block, part = self._whole(rows[start : start + _BLOCK]), values[:, start : start + _BLOCK]
             records = np.ndarray(len(block), self.record, block)
-            for row, (name, native) in zip(part, fields, strict=True):
-                row[:] = records[name] if native else self.wire_values(block, name)
-            part *= factors
-            if offsets.any():
-                part += offsets
-            for row, name in turns:
-                part[row, ~self.told(block, name)] = np.nan
+            for row, (name, field) in zip(part, self.numeric.items(), strict=True):
+                row[:] = self.wire_values(block, name) if name in self.assembled else records[name]
+                if field.when is not None:
+                    row[~self.told(block, name)] = np.nan
+            part *= self._factors
+            if self._added.any():
+                part += self._added
         columns = dict(zip(self.numeric, values, strict=True))
         for name in self.absent:
             columns[name] = np.full(n, np.nan)

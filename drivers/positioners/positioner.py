@@ -2,28 +2,24 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import KW_ONLY, dataclass, field
-from typing import Protocol, runtime_checkable
+from typing import Protocol
 
 from drivers.clock import Clock
 from drivers.errors import CommandRefused, DeviceError, DeviceTimeout
 
 
 class Positioner(Protocol):
-    """Moves the unit between collect positions, and knows where it is."""
+    """Moves the unit between collect positions, and knows where it is.
+
+    One that others can move beside has a method `moving` too, which does as `move_to` and yields each time how many
+    seconds to wait.
+    """
 
     def move_to(self, position: str, timeout_s: float) -> None:
         """Go to `position` and return once it is confirmed; raise `DeviceTimeout` or `DeviceError` otherwise."""
 
     def position(self) -> str | None:
         """Return the confirmed position, or None where it is not known."""
-
-
-@runtime_checkable
-class BesideOthers(Protocol):
-    """A positioner that waits a while at a time, so that others move meanwhile."""
-
-    def moving(self, position: str, timeout_s: float) -> Iterator[float]:
-        """Do as `move_to`, and yield how many seconds to wait each time."""
 
 
 def move_all(
@@ -34,7 +30,7 @@ def move_all(
     for name, each in positioners.items():
         turned.setdefault(id(each), []).append(name)
     # What can only move alone comes first: no other is on its way meanwhile.
-    in_order = sorted(turned.values(), key=lambda names: isinstance(positioners[names[0]], BesideOthers))
+    in_order = sorted(turned.values(), key=lambda names: hasattr(positioners[names[0]], "moving"))
     moves = {tuple(names): _moving(positioners[names[0]], position, timeout_s) for names in in_order}
     waits_s, failed = dict.fromkeys(moves, 0.0), dict[str, DeviceError]()
     while waits_s:
@@ -53,7 +49,7 @@ def move_all(
 
 
 def _moving(positioner: Positioner, position: str, timeout_s: float) -> Iterator[float]:
-    if isinstance(positioner, BesideOthers):
+    if hasattr(positioner, "moving"):
         yield from positioner.moving(position, timeout_s)
     else:
         positioner.move_to(position, timeout_s)
