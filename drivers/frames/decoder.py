@@ -24,7 +24,7 @@ from drivers.frames.description import FrameDescription, StreamDescription
 from drivers.frames.layout import FrameFamily, FrameLayout
 from drivers.frames.packets import LONGEST
 from drivers.frames.roles import CounterDescription, TimeDescription
-from drivers.frames.scan import Group, PacketScanner, Scan, Scanner, Standing
+from drivers.frames.scan import Group, PacketScanner, Scan, Scanner
 from drivers.frames.wire import IntArray
 
 _PIECE = 16384  # frames that are verified at once; their bytes stay in the processor's cache
@@ -175,7 +175,6 @@ class StreamDecoder:
         self._piece_bytes = max(_PIECE * min(longest, _USUAL_LENGTH), 4 * longest, 4 * LONGEST)
         self._rest = b""
         self._position = 0  # of the first byte of the rest, in the stream
-        self._standing = Standing()
         self._last_arrival_s = 0.0
 
     def feed(self, data: bytes, arrival_s: float = 0.0) -> Decoded:
@@ -194,7 +193,6 @@ class StreamDecoder:
         """Forget the bytes of an unfinished frame and the last counter: what follows is not continuous with it."""
         self._position += len(self._rest)
         self._rest = b""
-        self._standing = Standing()
         self._scanner.interrupt()
         for sequence in self._sequences:
             sequence.interrupt()
@@ -207,17 +205,15 @@ class StreamDecoder:
         at = timed_out = 0
         while at < len(buffer):
             end = min(at + self._piece_bytes, len(buffer))
-            scan = self._scanner.scan(buffer[at:end], self._standing, last=give_up and end == len(buffer))
+            scan = self._scanner.scan(buffer[at:end], last=give_up and end == len(buffer))
             scan.reach *= end == len(buffer)  # it waits only where more is to arrive
             scans.append((at, scan))
             at += scan.stop
-            self._standing = scan.standing
             if scan.reach:  # to bytes that have not arrived
                 if not give_up:
                     break
-                timed_out += self._standing.claimed == 0
+                timed_out += self._scanner.give_up(scan.reach)
                 at += 1
-                self._standing = Standing(False, max(self._standing.claimed, scan.reach)).moved(1)
         decoded = self._account(scans, consumed=at, timed_out=timed_out, last=give_up)
         self._rest = buffer[at:]
         self._position += at

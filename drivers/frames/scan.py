@@ -26,30 +26,17 @@ Group = tuple[FrameLayout, Rows, IntArray]  # frames of one form: their layout, 
 Found = dict[int, tuple[FrameLayout, list[bytes], list[int]]]  # the same, one by one
 
 
-@dataclass(frozen=True)
-class Standing:
-    """Where the reader stands: right behind a good frame or not, and how far the last failed candidate reaches."""
-
-    in_step: bool = True
-    claimed: int = 0
-
-    def moved(self, by: int) -> "Standing":
-        """Return the same place, seen from `by` bytes further on."""
-        return Standing(self.in_step, max(0, self.claimed - by))
-
-
 @dataclass
 class Scan:
     """What was found in a piece. Positions count from the piece's first byte.
 
     `stop` is the first byte that is not decided yet. Something may begin there that `reach` bytes, more than are there,
-    would hold; where that is 0, what follows `stop`, if anything, has not been looked at. `found`
-    holds, per frame type, the good frames: bytes (n, length) and places (n,) of each form. `standing` is that of the
-    reader at `stop`. `stuffing` counts bytes around or within good frames that are no part of them.
+    would hold; where that is 0, what follows `stop`, if anything, has not been looked at. `found` holds, per frame
+    type, the good frames: bytes (n, length) and places (n,) of each form. `stuffing` counts bytes around or within good
+    frames that are no part of them.
     """
 
     stop: int
-    standing: Standing
     found: list[list[Group]]
     reach: int = 0
     bad_checksum: int = 0
@@ -94,6 +81,8 @@ class Scanner:
 
     def interrupt(self) -> None:
         """Forget what was seen of the unit."""
+        # Whether the reader stands right behind a good frame, and how far the last failed candidate reaches.
+        self._in_step, self._claimed = True, 0
         self._newest: dict[int, tuple[FrameLayout, bytes]] = {}  # by frame type, for counters that confirm
         self._delimited: bool | None = None  # whether it sends the optional delimiter
         self._streak, self._form = 0, self._families[0].shortest_layout  # how many frames of it followed one another
@@ -140,15 +129,21 @@ class Scanner:
         moved = (values[1] - values[0]) % counter.modulus
         return moved % counter.step == 0 and 1 <= moved // counter.step <= _GOES_ON
 
-    def scan(self, data: bytes, standing: Standing, *, last: bool = False) -> Scan:
-        """Scan a piece; `last`: nothing follows."""
+    def give_up(self, reach: int) -> bool:
+        """Go on one byte behind where something may begin that `reach` bytes would hold; tell whether that is new."""
+        is_new = self._claimed == 0
+        self._in_step, self._claimed = False, max(self._claimed, reach) - 1
+        return is_new
+
+    def scan(self, data: bytes, *, last: bool = False) -> Scan:
+        """Scan a piece, which begins where the last scan stopped; `last`: nothing follows."""
         single: list[Found] = [{} for _ in self._families]
-        result = Scan(len(data), standing, [[] for _ in self._families])
-        in_step, claimed = standing.in_step, standing.claimed
+        result = Scan(len(data), [[] for _ in self._families])
+        in_step, claimed = self._in_step, self._claimed
         # Of a unit that sent none, one may begin behind a frame that was not held back for it.
         begun = self._behind(self._optional, data, 0, last) if in_step and self._delimited is False else b""
         if not isinstance(begun, bytes):
-            return Scan(0, standing, result.found, reach=len(self._optional))
+            return Scan(0, result.found, reach=len(self._optional))
         at = end = result.stuffing = len(begun)  # the byte that is looked at; the end of the last good frame
         size = len(data)
         while True:
@@ -212,7 +207,7 @@ class Scanner:
             result.stuffing += taken * len(behind)
             if self._confirms:
                 self._newest[index] = (form, frame)
-        result.standing = Standing(in_step and end == result.stop, claimed).moved(result.stop)
+        self._in_step, self._claimed = in_step and end == result.stop, max(0, claimed - result.stop)
         result.found = [several + grouped(one) for several, one in zip(result.found, single, strict=True)]
         return result
 
@@ -241,10 +236,10 @@ class PacketScanner(Scanner):
         super().__init__(sync, families)
         self._packets = packets
 
-    def scan(self, data: bytes, standing: Standing, *, last: bool = False) -> Scan:
+    def scan(self, data: bytes, *, last: bool = False) -> Scan:
         """Scan the packets that end in `data`; what follows them waits for its end, unless it is too long for one."""
         found: list[Found] = [{} for _ in self._families]
-        result, in_step = Scan(0, standing, []), standing.in_step
+        result, in_step = Scan(0, []), self._in_step
         for start, result.stop, content in self._packets.split(data):
             if content == b"":
                 result.stuffing += result.stop - start
@@ -272,5 +267,6 @@ class PacketScanner(Scanner):
         if last or len(data) - result.stop > 2 * LONGEST:
             result.stop, in_step = len(data), in_step and result.stop == len(data)
         result.reach = len(data) - result.stop
-        result.standing, result.found = Standing(in_step), [grouped(each) for each in found]
+        self._in_step, self._claimed = in_step, 0
+        result.found = [grouped(each) for each in found]
         return result
