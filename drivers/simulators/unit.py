@@ -20,6 +20,8 @@ from drivers.frames.roles import IndexRole
 from drivers.frames.wire import FloatArray, Rows
 from drivers.imu import ImuIdentity
 
+Mask = NDArray[np.bool_]
+
 _COUNTER_AHEAD = 5
 _ANOTHER_COUNTER = 12345
 _LONGEST_LINE = 128  # bytes without a line end before they are thrown away, as a small command buffer would
@@ -53,25 +55,6 @@ class FaultWindow:
     begins_s: float = 0.0
     ends_s: float = math.inf
     probability: float = 1.0
-
-
-class FaultPlan(list[FaultWindow]):
-    """The faults of one device."""
-
-    def active(self, fault: ImuFault, now_s: float) -> bool:
-        """Tell whether `fault` is on at `now_s`."""
-        return bool(self.during(fault, np.array([now_s]))[0])
-
-    def during(
-        self, fault: ImuFault, times_s: NDArray[np.float64], rng: np.random.Generator | None = None
-    ) -> NDArray[np.bool_]:
-        """Tell for each time whether `fault` is on, shape (n,); with `rng`, whether it strikes the frame sent then."""
-        struck = np.zeros(len(times_s), np.bool_)
-        for window in self:
-            if window.fault == fault:
-                on = (times_s >= window.begins_s) & (times_s < window.ends_s)
-                struck |= on if rng is None else on & (rng.random(len(times_s)) < window.probability)
-        return struck
 
 
 class UnitPhysics(Protocol):
@@ -117,7 +100,7 @@ class SimulatedImu:
             raise ValueError(f"{self.description.name}: a description without roles cannot be simulated")
         self._roles = roles
         self._rate_hz = self.description.sample_rate_hz
-        self._faults = FaultPlan(self.faults)
+        self._faults = list(self.faults)
         self._rng = np.random.default_rng(self.seed)
         self._layout = FrameLayout(self.description, roles.frame)
         self._code = self.index.positions[self.index.first]  # where it is, or where it is going
@@ -154,6 +137,18 @@ class SimulatedImu:
     def next_transmission(self, now_s: float) -> float | None:
         return now_s if self._outbox else max(now_s, self._time(self._next))
 
+    def _active(self, fault: ImuFault, now_s: float) -> bool:
+        return bool(self._during(fault, np.array([now_s]))[0])
+
+    def _during(self, fault: ImuFault, times_s: FloatArray, rng: np.random.Generator | None = None) -> Mask:
+        """Tell for each time whether `fault` is on, shape (n,); with `rng`, whether it strikes the frame sent then."""
+        struck = np.zeros(len(times_s), np.bool_)
+        for window in self._faults:
+            if window.fault == fault:
+                on = (times_s >= window.begins_s) & (times_s < window.ends_s)
+                struck |= on if rng is None else on & (rng.random(len(times_s)) < window.probability)
+        return struck
+
     def _time(self, number: int) -> float:
         return self.starts_s + number / self._rate_hz
 
@@ -163,8 +158,8 @@ class SimulatedImu:
         if commands is None:
             return False
         if commands.identify is not None and line == commands.line(commands.identify):
-            if not self._faults.active(ImuFault.SILENT_IDENTITY, now_s):
-                self._outbox.append(self._identity_frame(self._faults.active(ImuFault.EXCHANGED, now_s)))
+            if not self._active(ImuFault.SILENT_IDENTITY, now_s):
+                self._outbox.append(self._identity_frame(self._active(ImuFault.EXCHANGED, now_s)))
             return True
         for label, code in self.index.positions.items():
             if commands.index is not None and line == commands.line(commands.index.replace("{code}", str(code))):
@@ -174,7 +169,7 @@ class SimulatedImu:
 
     def _turn(self, label: str, now_s: float) -> None:
         """Move to a commanded position, from where it is if it is moving."""
-        on = {fault for fault in ImuFault if self._faults.active(fault, now_s)}
+        on = {fault for fault in ImuFault if self._active(fault, now_s)}
         self._index_failed = ImuFault.INDEX_REFUSED in on
         if self._index_failed:
             return
@@ -211,8 +206,8 @@ class SimulatedImu:
         counter = self._layout.description.counter
         if counter is not None:
             if self._faults:
-                ahead = _COUNTER_AHEAD * self._faults.during(ImuFault.WRONG_COUNTER, times_s)
-                numbers = numbers + ahead + _ANOTHER_COUNTER * self._faults.during(ImuFault.EXCHANGED, times_s)
+                ahead = _COUNTER_AHEAD * self._during(ImuFault.WRONG_COUNTER, times_s)
+                numbers = numbers + ahead + _ANOTHER_COUNTER * self._during(ImuFault.EXCHANGED, times_s)
             columns[counter.field] = (numbers * counter.step) % counter.modulus
         time = self._layout.description.time
         if time is not None and counter is None:
@@ -224,7 +219,7 @@ class SimulatedImu:
         return encode_rows(self._layout, columns, len(numbers))
 
     def _freeze(self, columns: dict[str, FloatArray | NDArray[np.int64]], times_s: FloatArray) -> None:
-        frozen = self._faults.during(ImuFault.FROZEN, times_s)
+        frozen = self._during(ImuFault.FROZEN, times_s)
         if not frozen.any():
             self._frozen = None
             return
@@ -247,7 +242,7 @@ class SimulatedImu:
         if self._rejected and role.rejected is not None:
             bits[role.rejected] = np.ones(len(times_s), np.bool_)
         if self._faults:
-            bits["spin_fault"] = self._faults.during(ImuFault.SPIN_FAULT, times_s)
+            bits["spin_fault"] = self._during(ImuFault.SPIN_FAULT, times_s)
         for word_name, described in self._layout.description.status.items():
             word = np.zeros(len(times_s), np.int64)
             for name, bit in described.items():
@@ -256,17 +251,17 @@ class SimulatedImu:
             columns[word_name] = word
 
     def _spoil(self, rows: Rows, times_s: FloatArray) -> bytes:
-        faults, rng = self._faults, self._rng
-        if not faults:
+        during, rng = self._during, self._rng
+        if not self._faults:
             return rows.tobytes()
-        flipped = np.flatnonzero(faults.during(ImuFault.FLIPPED_BITS, times_s, rng))
+        flipped = np.flatnonzero(during(ImuFault.FLIPPED_BITS, times_s, rng))
         rows[flipped, rng.integers(0, rows.shape[1], len(flipped))] ^= (1 << rng.integers(0, 8, len(flipped))).astype(
             np.uint8
         )
-        sent = ~faults.during(ImuFault.DROPPED_FRAMES, times_s, rng) & ~faults.during(ImuFault.STALL, times_s)
-        repeated = faults.during(ImuFault.REPEATED_FRAMES, times_s, rng) & sent
-        garbage = faults.during(ImuFault.GARBAGE, times_s, rng)
-        cut = faults.during(ImuFault.DROPPED_BYTES, times_s, rng)
+        sent = ~during(ImuFault.DROPPED_FRAMES, times_s, rng) & ~during(ImuFault.STALL, times_s)
+        repeated = during(ImuFault.REPEATED_FRAMES, times_s, rng) & sent
+        garbage = during(ImuFault.GARBAGE, times_s, rng)
+        cut = during(ImuFault.DROPPED_BYTES, times_s, rng)
         if not (garbage | repeated | cut).any():
             return (rows if sent.all() else rows[sent]).tobytes()
         pieces: list[bytes] = []
