@@ -22,13 +22,10 @@ from drivers.frames.batch import Decoded, FrameBatch, Part, join
 from drivers.frames.counts import StreamCounts
 from drivers.frames.description import FrameDescription, StreamDescription
 from drivers.frames.layout import FrameFamily, FrameLayout
-from drivers.frames.packets import LONGEST
 from drivers.frames.roles import CounterDescription, TimeDescription
 from drivers.frames.scan import Group, PacketScanner, Scan, Scanner
 from drivers.frames.wire import IntArray
 
-_PIECE = 16384  # frames that are verified at once; their bytes stay in the processor's cache
-_USUAL_LENGTH = 64  # bytes; a type whose frames may be much longer is not looked at in larger pieces
 _OF_A_SCAN = ("bad_checksum", "bad_delimiter", "unknown_id", "resyncs")
 
 Mask = NDArray[np.bool_]
@@ -59,13 +56,13 @@ class FrameSequence:
         Return which of them are no repetitions, shape (n,), their numbers, shape (kept,), and how many frames were lost
         between them. Frames that lack the counter (it may be an item) do not move it: they get that of the one before.
         """
-        told_by, there, steps = self._told_by, np.ones(len(batch), np.bool_), np.ones(len(batch), np.int64)
-        if told_by is not None:
-            there, steps = batch.told(told_by.field), np.zeros_like(steps)
-            if there.any():
-                steps[there] = self._steps(told_by, batch.wire(told_by.field)[there])
-        first, left_out = int(np.argmax(there)), 0
-        if not self._continuous and there[first]:
+        told_by, left_out = self._told_by, 0
+        there = np.ones(len(batch), np.bool_) if told_by is None else batch.told(told_by.field)
+        steps = there.astype(np.int64)
+        if told_by is not None and there.any():
+            steps[there] = self._steps(told_by, batch.wire(told_by.field)[there])
+        if not self._continuous and there.any():
+            first = int(np.argmax(there))
             steps[first] = max(1, int(steps[first]))
             left_out, self._continuous = int(steps[first]) - 1, True
         moved, numbers = steps != 0, self.number + np.cumsum(steps)
@@ -171,8 +168,6 @@ class StreamDecoder:
             SampleJoiner(description, name, self._names) for name, each in description.frames.items() if each.parts
         ]
         self._taken = {part for each in self._joined for part in each.parts}
-        longest = max(family.longest + len(family.optional) for family in plain)
-        self._piece_bytes = max(_PIECE * min(longest, _USUAL_LENGTH), 4 * longest, 4 * LONGEST)
         self._rest = b""
         self._position = 0  # of the first byte of the rest, in the stream
         self._last_arrival_s = 0.0
@@ -201,12 +196,10 @@ class StreamDecoder:
 
     def _decode(self, data: bytes, *, give_up: bool) -> Decoded:
         buffer = self._rest + data if self._rest else data
-        scans: list[tuple[int, Scan]] = []  # with the place of its piece in the buffer
+        scans: list[tuple[int, Scan]] = []  # with where in the buffer it began
         at = timed_out = 0
         while at < len(buffer):
-            end = min(at + self._piece_bytes, len(buffer))
-            scan = self._scanner.scan(buffer[at:end], last=give_up and end == len(buffer))
-            scan.reach *= end == len(buffer)  # it waits only where more is to arrive
+            scan = self._scanner.scan(buffer[at:], last=give_up)
             scans.append((at, scan))
             at += scan.stop
             if scan.reach:  # to bytes that have not arrived

@@ -114,15 +114,6 @@ class FrameDescription(Section):
             return self.length.shortest
         return 4 if self.length is None else self.length
 
-    @property
-    def longest(self) -> int:
-        """Bytes that a frame has at most."""
-        if isinstance(self.length, LengthDescription):
-            return self.length.longest
-        if self.text is not None:
-            return self.text.most
-        return self.shortest
-
 
 class CommandsDescription(Section):
     """What the host may send.

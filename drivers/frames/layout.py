@@ -260,7 +260,7 @@ class FrameFamily:
         self.description = description.frames[name]
         self.headers = description.headers(name)
         self.confirm = self.description.checksum.confirm
-        self.shortest, self.longest = self.description.shortest, self.description.longest
+        self.shortest = self.description.shortest
         self.delimiter = self.description.delimiter
         self.optional = b"" if self.description.text else description.optional_delimiter
         length = self.description.length

@@ -56,7 +56,8 @@ def grouped(found: Found) -> list[Group]:
 
 _FEW = 4096  # bytes below which looking at frames one by one is faster
 _NONE: Rows = np.empty((0, 0), np.uint8)
-_TRUST = 4  # times as many frames are looked at at once as went before without a flaw
+_TRUST = 4  # times as many frames are looked at at once as went before without a flaw …
+_MOST = 16384  # … at most; their bytes stay in the processor's cache
 _GOES_ON = 8  # frames that may be missing before one that its counter confirms
 _TELLING = 64  # frames after which a counter comes round, at least, for it to confirm anything
 
@@ -190,9 +191,9 @@ class Scanner:
             result.resyncs += not follows
             self._streak, self._form = self._streak + 1 if follows and form is self._form else 1, form
             each, taken = length + len(behind), 1  # bytes, and frames
-            most = min(_TRUST * self._streak, (size - start) // each)
+            most = min(_TRUST * self._streak, _MOST, (size - start) // each)
             worth = most * each >= self._worth
-            run = self._run(data[start:], most, which[0], index, form, behind) if worth else _NONE
+            run = self._run(data, start, most, which[0], index, form, behind) if worth else _NONE
             if len(run):
                 taken, frame = len(run), run[-1].tobytes()
                 places = start + np.arange(taken, dtype=np.int64) * each
@@ -211,10 +212,12 @@ class Scanner:
         result.found = [several + grouped(one) for several, one in zip(result.found, single, strict=True)]
         return result
 
-    def _run(self, data: bytes, most: int, header: Header, index: int, form: FrameLayout, behind: bytes) -> Rows:
-        """Return the good frame at the beginning and those like it, `most` in all, that follow it without a flaw."""
+    def _run(
+        self, data: bytes, start: int, most: int, header: Header, index: int, form: FrameLayout, behind: bytes
+    ) -> Rows:
+        """Return the good frame at `start` and those like it, `most` in all, that follow it without a flaw."""
         family = self._families[index]
-        whole = np.frombuffer(data, np.uint8, most * (form.length + len(behind))).reshape(most, -1)
+        whole = np.frombuffer(data, np.uint8, most * (form.length + len(behind)), start).reshape(most, -1)
         rows = np.ascontiguousarray(whole[:, : form.length])
         begins = rows[:, : len(header)] == np.frombuffer(header, np.uint8)
         if None in header.told:

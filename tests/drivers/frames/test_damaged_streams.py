@@ -12,7 +12,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.frames import decoder as decoder_module
 from drivers.frames import scan as scan_module
 from drivers.frames.counts import StreamCounts
 from drivers.frames.decoder import StreamDecoder
@@ -242,7 +241,7 @@ def same_however_it_is_cut(description: StreamDescription, stream: bytes, places
         assert decode(description, [stream[at : at + 1] for at in range(len(stream))]) == slow
         patch.setattr(scan_module, "_FEW", 0)
         assert decode(description, [stream]) == slow
-        patch.setattr(decoder_module, "_PIECE", 0)
+        patch.setattr(scan_module, "_MOST", 2)
         assert decode(description, [stream]) == slow
         assert decode(description, cut(stream, places)) == slow
     taken = sum(map(len, all_frames(slow)))

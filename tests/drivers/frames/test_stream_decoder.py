@@ -10,7 +10,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.frames import decoder as decoder_module
 from drivers.frames import scan as scan_module
 from drivers.frames.counts import StreamCounts
 from drivers.frames.decoder import StreamDecoder
@@ -275,7 +274,7 @@ def same_at_every_cut_and_speed(description: StreamDescription, stream: bytes, p
         assert decode(description, cut(stream, places)) == slow
         assert decode(description, [stream[at : at + 1] for at in range(len(stream))]) == slow
         patch.setattr(scan_module, "_FEW", SPEEDS["many at once"])
-        patch.setattr(decoder_module, "_PIECE", 2)
+        patch.setattr(scan_module, "_MOST", 2)
         assert decode(description, [stream]) == slow
         assert decode(description, cut(stream, places)) == slow
     taken = sum(len(frame) for frames in slow.frames.values() for frame in frames)
