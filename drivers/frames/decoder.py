@@ -163,11 +163,13 @@ class StreamDecoder:
         self._names = [family.name for family in plain]
         rate_hz = description.sample_rate_hz
         self._sequences = [FrameSequence(family.description, rate_hz) for family in plain]
-        self._nothing = [_no_frames(family.shortest_layout) for family in plain]
         self._joined = [
             SampleJoiner(description, name, self._names) for name, each in description.frames.items() if each.parts
         ]
         self._taken = {part for each in self._joined for part in each.parts}
+        own = {each.name: each.shortest_layout for index, each in enumerate(plain) if index not in self._taken}
+        layouts = own | {each.name: each.layout for each in self._joined}
+        self._nothing = {name: _no_frames(layout) for name, layout in layouts.items()}
         self._rest = b""
         self._position = 0  # of the first byte of the rest, in the stream
         self._last_arrival_s = 0.0
@@ -213,7 +215,7 @@ class StreamDecoder:
         return decoded
 
     def _account(self, scans: Sequence[tuple[int, Scan]], *, consumed: int, timed_out: int, last: bool) -> Decoded:
-        frames: dict[str, FrameBatch] = {}
+        frames = dict(self._nothing)
         ok = lost = duplicate = 0
         taken_bytes = sum(scan.stuffing for _, scan in scans)
         parts: dict[int, list[Group]] = {}
@@ -225,16 +227,12 @@ class StreamDecoder:
             ]
             if index in self._taken:
                 parts[index] = groups
-            elif not groups:
-                frames[name] = self._nothing[index]
-                continue
-            else:
+            elif groups:
                 frames[name], missing, repeated = _numbered(join(groups), self._sequences[index])
                 ok, lost, duplicate = ok + len(frames[name]), lost + missing, duplicate + repeated
             taken_bytes += sum(rows.size for _, rows, _ in groups)
         for each in self._joined:
             samples, count, absent = each.take([parts[index] for index in each.parts], last=last)
-            frames[each.name] = _no_frames(each.layout)
             if samples is not None:
                 frames[each.name], missing, repeated = _numbered(samples, each.sequence)
                 ok, lost, duplicate = ok + count - repeated, lost + missing + absent, duplicate + repeated
