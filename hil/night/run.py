@@ -359,12 +359,10 @@ def field_meanings(live: LiveBench) -> dict[str, FieldMeaning]:
     units = {name: field.unit for frame in live.bench.frames.frames.values() for name, field in frame.fields.items()}
     meanings = {name: FieldMeaning(unit) for name, unit in units.items()}
     for number, channels in live.devices.imu.sensors.items():
-        for channel, field in channels.rates.items():
-            meanings[field] = FieldMeaning(units.get(field, ""), "rate", number, channel)
-        for axis, field in channels.accelerations.items():
-            meanings[field] = FieldMeaning(units.get(field, ""), "acceleration", number, axis)
-        if channels.temperature is not None:
-            meanings[channels.temperature] = FieldMeaning(units.get(channels.temperature, ""), "temperature", number)
+        thermometer = {} if channels.temperature is None else {"": channels.temperature}
+        roles = {"rate": channels.rates, "acceleration": channels.accelerations, "temperature": thermometer}
+        for role, fields in roles.items():
+            meanings |= {of: FieldMeaning(units.get(of, ""), role, number, name) for name, of in fields.items()}
     return meanings
 
 
