@@ -57,7 +57,7 @@ def grouped(found: Found) -> list[Group]:
 _FEW = 4096  # bytes below which looking at frames one by one is faster
 _NONE: Rows = np.empty((0, 0), np.uint8)
 _TRUST = 4  # times as many frames are looked at at once as went before without a flaw …
-_MOST = 16384  # … at most; their bytes stay in the processor's cache
+_MOST = 1 << 20  # … in so many bytes, which stay in the processor's cache
 _GOES_ON = 8  # frames that may be missing before one that its counter confirms
 _TELLING = 64  # frames after which a counter comes round, at least, for it to confirm anything
 
@@ -191,8 +191,8 @@ class Scanner:
             result.resyncs += not follows
             self._streak, self._form = self._streak + 1 if follows and form is self._form else 1, form
             each, taken = length + len(behind), 1  # bytes, and frames
-            most = min(_TRUST * self._streak, _MOST, (size - start) // each)
-            worth = most * each >= self._worth
+            most = min(_TRUST * self._streak, min(_MOST, size - start) // each)
+            worth = most > 1 and most * each >= self._worth
             run = self._run(data, start, most, which[0], index, form, behind) if worth else _NONE
             if len(run):
                 taken, frame = len(run), run[-1].tobytes()
@@ -227,7 +227,7 @@ class Scanner:
             run &= begins.all(axis=1)
         if behind:
             run &= (whole[:, form.length :] == np.frombuffer(behind, np.uint8)).all(axis=1)
-        n = most if run.all() else int(np.argmin(run))
+        n = most if run.all() else max(1, int(np.argmin(run)))  # the first is known to be good
         self._streak, self._worth = (self._streak + n, _FEW) if n == most else (0, 2 * self._worth)
         return rows[: n - (bool(family.optional) and not behind)]  # one may begin behind the last
 

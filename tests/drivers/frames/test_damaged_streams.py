@@ -241,7 +241,7 @@ def same_however_it_is_cut(description: StreamDescription, stream: bytes, places
         assert decode(description, [stream[at : at + 1] for at in range(len(stream))]) == slow
         patch.setattr(scan_module, "_FEW", 0)
         assert decode(description, [stream]) == slow
-        patch.setattr(scan_module, "_MOST", 2)
+        patch.setattr(scan_module, "_MOST", 100)
         assert decode(description, [stream]) == slow
         assert decode(description, cut(stream, places)) == slow
     taken = sum(map(len, all_frames(slow)))
