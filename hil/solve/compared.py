@@ -108,7 +108,7 @@ class Compared:
         """
         seen = self.beside(self.values[:, None])[:, 0]
         whole, freedom = float(seen @ seen), len(seen) - self.temperature.shape[1]
-        if freedom <= _JUMP or whole <= 0.0:
+        if freedom <= _JUMP or whole <= (_NOTHING * float(np.linalg.norm(self.root * self.values))) ** 2:
             return (), None, []
         product, norm, first, last = self._jumps(seen)
         seen_at = norm > UNSEEN * norm.max(initial=0.0)
@@ -117,7 +117,7 @@ class Compared:
             seen_at &= np.any([(ends[0] >= one) & (ends[1] <= other) for one, other in places], axis=0)
         there = np.flatnonzero(seen_at)
         (product, norm), (first, last) = (product[there], norm[there]), (first[there], last[there])
-        left, tried = whole - product**2 / norm, [*self._tried(drivers, seen)]
+        left, tried = np.maximum(whole - product**2 / norm, 0.0), [*self._tried(drivers, seen)]
         of_steps = _score(left, whole, freedom, _JUMP)
         of_drivers = np.array([_score(whole - shown, whole, freedom, q) for _, shown, q in tried])
         best_step, best = of_steps.min(initial=np.inf), of_drivers.min(initial=np.inf)

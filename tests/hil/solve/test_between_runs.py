@@ -217,6 +217,16 @@ def test_a_jump_between_temperatures_gone_to_once_is_told_beside_what_the_unit_m
     assert found.off_a_curve == [said]
 
 
+def test_what_arithmetic_leaves_of_values_on_a_curve_jumps_nowhere() -> None:
+    """A planned sweep has no noise: what was left of its values was a jump by 1e-15."""
+    conditions = campaign(24, 3).sensors[2].conditions
+    station = (np.arange(24) // 3)[:, None]
+    values = np.hstack([0.1 * station + 1.0 / 3.0, 0.7 * station**2, np.full((24, 1), 2.0 / 3.0)])
+    units = {"BA": "deg/hr", "BB": "deg/hr", "MUA": "deg/hr/g"}
+    found = between_runs(units, list(range(1, 25)), values, np.full(values.shape, 0.5), conditions)
+    assert found.in_words == []
+
+
 def test_a_run_alone_at_its_temperature_that_others_do_not_lead_to_is_no_pass() -> None:
     """Its own bias or the unit's there: it stays in the means, for nobody knows."""
     conditions = campaign(24, 3).sensors[2].conditions
