@@ -17,6 +17,10 @@ F_LIMITS_G = (0.5, 1.5)
 
 F_SUSPICIOUS = 0.02
 
+NO_EARTH = (
+    "w is 0 in every row: what there is of the earth rate (15 deg/hr) is in the parameters; fill w_* by latitude and "
+    "heading"
+)
 _LEVEL_DEG_PER_HR = 0.1
 """A horizontal part of the earth rate that is less counts as none."""
 
@@ -90,10 +94,7 @@ def _of_sensor(where: str, collects: Collects, rows: np.ndarray, said: Campaign)
         return found
     found += [f"{where}: {each}" for each in _leaning(collects)]
     if not conditions.w_deg_per_hr.any():
-        found.append(
-            f"{where}: w is 0 in every row: what there is of the earth rate (15 deg/hr) is in the parameters; "
-            "fill w_* by latitude and heading"
-        )
+        found.append(f"{where}: {NO_EARTH}")
     elif (across := _across(conditions)) > _LEVEL_DEG_PER_HR:
         found.append(
             f"{where}: w is the vertical part of the earth rate: the horizontal part, up to {across:.1f} deg/hr in "

@@ -20,7 +20,7 @@ import numpy as np
 
 from hil.campaign import Campaign, Collects, Conditions, FloatArray
 from hil.campaign.plausibility import accelerations_g
-from hil.campaign.warnings import off_gravity, off_in_words
+from hil.campaign.warnings import NO_EARTH, off_gravity, off_in_words
 from hil.errors import InputError
 from hil.files.document import plain
 from hil.model.forms import LinearForm, default_form, named_form
@@ -167,10 +167,8 @@ def solve_campaign(campaign: Campaign, model_name: str | None = None, sensor: in
             between = between_runs(units, first, values, errors, used[number].conditions, wrong.another)
         contradicted = between.judged
         for each in own:  # by how well its collects tell it, too, of this noise where they state none, or far too much
-            own_errors = {
-                name: (None if of.se is None else min(times, 1.0) * of.se, of.unit)
-                for name, of in each.by_noise(noise).items()
-            }
+            told_by = each.by_noise(noise).items()
+            own_errors = {n: (None if of.se is None else min(times, 1.0) * of.se, of.unit) for n, of in told_by}
             judged = measured_well_enough(own_errors, layout, campaign.largest_se)
             apart = [contradicted[run] for run in each.runs if run in contradicted]
             found.append(replace(each, beside=(*each.beside, *apart, judged), between=between))
@@ -291,7 +289,9 @@ class _Beside:
         weight = {} if campaign.centrifuge else _off_gravity(rows.conditions)
         lacks, collect = np.asarray(unstated(rows).any(axis=1)), rows.conditions.collect
         lacking = {run: collect[of[lacks[of]]].tolist() for run, of in rows.conditions.of_each_run.items()}
-        judged = (campaign.verdicts, here, wrong.judged, soak, weight)
+        left_out = "latitude_deg" in campaign.site and not campaign.rebuilt and not np.any(rows.conditions.w_deg_per_hr)
+        earth = dict.fromkeys(rows.conditions.of_each_run if left_out else (), Judgement(Verdict.MARGINAL, NO_EARTH))
+        judged = (campaign.verdicts, here, wrong.judged, soak, weight, earth)
         known = stated_noise(used) is not None
         sound = set(used.conditions.run.tolist()).difference(wrong.judged, soak) if known else set()
         return cls(judged, wrong.not_compared, soak.keys(), lacking, changes(used, sound), campaign)

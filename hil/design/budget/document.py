@@ -98,7 +98,7 @@ def _sensor(runs: Sequence[RunScene], asked: Asked, observed: SensorRepeats | No
         "repeats_of": dict(zip(budget.names, repeats.tolist(), strict=True)),
         "temperature_degC": chosen.at[0],
         "temperature_of": chosen.at[1],
-        "positions": chosen.scene.conditions.position.tolist(),
+        "positions": chosen.scene.conditions.position[np.argsort(chosen.scene.conditions.start_s)].tolist(),
         "form": chosen.form.name,
         "acting_on": chosen.base_origin,
         "noise_deg_per_hr": float(np.sqrt(np.nanmean(chosen.scene.noise**2))),

@@ -25,7 +25,7 @@ from hil.design.visibility.promise import PROBABILITY
 from hil.files.document import picked
 from hil.files.page import filled
 from hil.model import Model, fitting_campaign, fitting_conditions
-from hil.model.effects.catalogue import EFFECTS, FORM_EFFECTS, SERIES_EFFECTS, VARIANCE_EFFECTS, named
+from hil.model.effects.catalogue import EFFECTS, FORM_EFFECTS, SERIES_EFFECTS, VARIANCE_EFFECTS, effect_by_id, named
 from hil.model.effects.document import shape_in_words
 from hil.model.effects.prior import ALPHA
 from hil.solve import repeats, solve_campaign
@@ -360,6 +360,7 @@ def visibility_text(document: Mapping[str, Any]) -> str:
     by_repeats = any("its repeats" in level["source"] for level in levels)
     words = {each.__name__: each for each in (listed, unit_in_words, shape_in_words)}
     known = {"r": document, "seen": seen, "wrong": list(in_words(document)), "no_noise": NO_NOISE, **words}
+    known["follow"] = [e["id"] for e in seen if e["in_sight"] and effect_by_id(e["id"]).follows == "temperature"]
     return filled(
         "hil.design.visibility", "text.txt.j2", beyond=_BEYOND, worth=_WORTH, by_repeats=by_repeats, **known
     ).rstrip("\n")

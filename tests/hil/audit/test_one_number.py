@@ -120,6 +120,20 @@ def test_the_usual_run_is_as_sure_beside_one_that_is_not() -> None:
     assert {name: each.repeatability for name, each in fitted.items()} == pytest.approx(usual)
 
 
+def test_a_run_that_does_not_tell_a_parameter_is_not_the_usual_one() -> None:
+    """One channel is dead in most runs: what those would scatter by, without any error, was the usual ±, 0."""
+    one = campaign(20, 5, seed=2)
+    rows = one.sensors[2]
+    rates = np.where((rows.conditions.run % 5 > 1)[:, None] & [False, True], np.nan, rows.rates_deg_per_hr)
+    dead = replace(one, sensors={2: replace(rows, rates_deg_per_hr=rates)})
+    solved = solve_campaign(dead)
+    shown, fitted = repeats(dead, solved)[2], fit_thermal(dead).sensors[2].parameters
+    for name in ("GSB", "MUA"):
+        stated = [shown.of_run(each)[name].sd for each in solved if each.parameters[name].value is not None]
+        assert 0 < len(stated) < 10
+        assert fitted[name].repeatability == pytest.approx(np.median(stated), rel=0.02)
+
+
 @pytest.mark.slow
 def test_a_run_that_is_hardly_known_moves_no_mean() -> None:
     """Neither what solve, thermal and a certificate state at its temperature, nor what reconcile makes of the noise."""

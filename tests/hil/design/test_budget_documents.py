@@ -130,6 +130,17 @@ def test_of_a_collect_with_one_rate_left_out_the_other_counts_as_in_solve(campai
         assert noise == (None if each.se is None else pytest.approx(each.se)), name
 
 
+def test_collects_are_told_in_the_order_in_which_they_were_taken(campaign: Campaign) -> None:
+    """Rows may stand in any: a file from the last to the first had "collects 3-2-1"."""
+    rows = campaign.sensors[2]
+    backwards = replace(campaign, sensors={2: rows.rows(np.arange(len(rows.conditions))[::-1])})
+    told = [
+        budget_document(measured_scenes(of, load_bench("simulated"), {}), "t", FEW)["sensors"]["2"]["positions"]
+        for of in (campaign, backwards)
+    ]
+    assert told == [["1", "2", "3"]] * 2
+
+
 def test_a_mean_is_of_the_runs_that_tell_its_parameter(tmp_path: Path) -> None:
     """Of three runs one tells no MUA: its mean is of two, in the document, in words, and in each source's part."""
     campaign = read_campaign(folder := written("one rate far off", tmp_path / "campaign"))

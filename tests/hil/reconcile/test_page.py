@@ -16,7 +16,7 @@ from hil.campaign.reader import read_campaign
 from hil.files.numbers import rounded
 from hil.reconcile import Reconciliation, reconcile
 from hil.reconcile.outcome.page import driver_of, page, panels_of, pictures
-from hil.reconcile.outcome.sentences import summary, titled, what_to_do
+from hil.reconcile.outcome.sentences import gap_in_words, summary, titled, what_to_do
 from hil.reconcile.result import FoundEffect
 from hil.reconcile.rivals import Rival
 from tests.hil.reconcile.hidden_effects import hidden_campaign
@@ -229,3 +229,22 @@ def test_everything_that_it_surely_follows_is_said(aged: Reconciliation) -> None
     assert "It follows pose (90 %) and changes from run to run or follows supply (96 %)." in summary(few)
     unsure = replace(few, follows=[("supply", 0.5), ("run", 0.46)])
     assert "It changes from run to run or follows supply (96 %)." in summary(unsure)
+
+
+@pytest.mark.slow
+def test_what_no_collect_tells_from_an_effect_is_not_said_to_be_none(aged: Reconciliation) -> None:
+    """A curve of 66 % beside a jump that looks the same: "no effect of the catalogue does this" stood above both."""
+    jump, other = Rival("jump", 0.34, 1.0, "Jump", 1.0, 0.5), Rival("hyst", 0.02, 0.4, "Play", 1e-6, 1.0)
+    for rivals, said in (([jump, other], "Measure what is said below"), ([other], "no effect of the catalogue does")):
+        curve = FoundEffect("empirical: B × elapsed", "B follows", 0.66, "empirical", confusable_with=rivals)
+        asked = replace(aged, verdict="empirical", effects=[curve], next_experiment={"why": "x"})
+        assert said in what_to_do(asked)[1]
+
+
+@pytest.mark.slow
+def test_a_mean_gap_that_hardly_changes_is_no_scatter(aged: Reconciliation) -> None:
+    """Values calibrated at each temperature take up most of a law: what it does to averages was called scatter."""
+    gap = replace(aged.gap, before=1.18, after=1.28, log_score={"before": -50.0, "after": -49.0})
+    for acts_on, said in (("mean", "hardly shows it, 1.18 and 1.28"), ("scatter", "moves no average")):
+        found = FoundEffect("a", "A", 0.97, "named", acts_on=acts_on)
+        assert said in gap_in_words(replace(aged, verdict="named", effects=[found], gap=gap))[1]

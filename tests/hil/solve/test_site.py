@@ -15,6 +15,7 @@ from hil.report.content import cannot_tell, gather
 from hil.solve import solve_campaign
 from hil.solve.precision import smallest_seen_deg
 from procedures.verdict import Verdict
+from tests.hil.solve.runs_of_a_unit import campaign
 
 BENCH = load_bench("simulated")
 
@@ -66,3 +67,14 @@ def test_without_an_earth_rate_or_a_latitude_nothing_can_be_said() -> None:
     still = replace(rows, conditions=replace(rows.conditions, w_deg_per_hr=np.zeros((3, 3))))
     assert smallest_seen_deg(replace(made, sensors={2: still})) == {}
     assert smallest_seen_deg(replace(made, site={})) == {}
+
+
+def test_an_earth_rate_of_nothing_where_the_site_has_a_latitude_is_no_pass() -> None:
+    """What there is of it stood in the parameters, 30 standard errors off, under PASS; where nobody knows it may."""
+    one = campaign(6, 2)
+    rows = one.sensors[2]
+    left_out = replace(rows, conditions=replace(rows.conditions, w_deg_per_hr=np.zeros((len(rows), 3))))
+    for site, judged in (({}, Verdict.PASS), ({"latitude_deg": 34.6}, Verdict.MARGINAL)):
+        solved = solve_campaign(replace(one, sensors={2: left_out}, site=site))
+        assert {each.verdict for each in solved} == {judged}
+    assert {"w is 0 in every row" in each.reason for each in solved} == {True}

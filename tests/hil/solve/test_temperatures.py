@@ -250,3 +250,11 @@ def test_another_campaigns_temperature_is_the_nearest_within_two_degrees() -> No
     assert nearest(20.0, [18.5, 21.0, 40.0]) == 21.0
     assert nearest(20.0, [17.5, 40.0]) is None
     assert nearest(None, [20.0]) is None
+
+
+def test_of_two_visits_that_differ_it_is_said_which_runs_showed_what() -> None:
+    """On the way up and down the unit lags: it went through nothing in its runs, as was said."""
+    lagging = conditions({"temperature_degC": [7.6, 30.0, 12.4], "setpoint_degC": [10.0, 30.0, 10.0]})
+    words = " ".join(set(unsettled(lagging).values()))
+    assert "shows 7.6 °C in run 1 and 12.4 °C in run 3" in words
+    assert "went from" not in words
