@@ -117,7 +117,8 @@ def terms(
     """Return the terms of one sensor's candidates; `noise_deg_per_hr` is what a collect scatters by.
 
     `known` are amplitudes that physics fixes, by effect: weight, mean (p,) and deviation (p,).
-    With a base that is `calibrated` at each temperature, what such values can do is no term.
+    With a base that is `calibrated` at each temperature, what such values can do, or all but do, is no term: how far
+    the unit was off each temperature's mean tells no law of it.
     """
     bases = [
         orthonormal(np.hstack([block.base, block.at_each_temperature(block.values)]) if calibrated else block.base)
@@ -126,7 +127,8 @@ def terms(
     if not candidates:
         return []
     few = (candidates[first : first + _AT_ONCE] for first in range(0, len(candidates), _AT_ONCE))
-    laid = [each for several in few for each in _laid(several, blocks, bases)]
+    least = float(np.sqrt(1.0 - IDENTICAL**2)) if calibrated else UNSEEN
+    laid = [each for several in few for each in _laid(several, blocks, bases, least)]
     values = {id(c.effect): any(parts) for c, _, parts in laid if c.effect is not None and c.form == "constant"}
     seen = [
         (c, scale, parts)
@@ -152,7 +154,7 @@ def terms(
 
 
 def _laid(
-    candidates: Sequence[Candidate], blocks: Sequence[Block], bases: Sequence[FloatArray]
+    candidates: Sequence[Candidate], blocks: Sequence[Block], bases: Sequence[FloatArray], least: float
 ) -> Iterator[tuple[Candidate, FloatArray, tuple[Part | None, ...]]]:
     """Yield candidates with the sizes (p,) of their columns, and what they are in each block."""
     every = np.concatenate([candidate.columns for candidate in candidates], axis=2)
@@ -163,7 +165,7 @@ def _laid(
     largest, scales = np.sqrt(squares.max(axis=0)) / rms, np.split(rms, ends)
     by_block = []
     for block, base in zip(blocks, bases, strict=True):
-        by_block.append(list(_parts(block.select(every) / rms, largest, ends, base)))
+        by_block.append(list(_parts(block.select(every) / rms, largest, ends, base, least)))
     yield from zip(candidates, scales, zip(*by_block, strict=True), strict=True)
 
 
@@ -203,14 +205,16 @@ def _form_weight(candidate: Candidate) -> float:
     return PLAIN if candidate.form == plain else 1.0
 
 
-def _parts(columns: FloatArray, largest: FloatArray, ends: IntArray, base: FloatArray) -> Iterator[Part | None]:
-    """Yield what each candidate is in a block: columns that act here and of which the base leaves something.
+def _parts(
+    columns: FloatArray, largest: FloatArray, ends: IntArray, base: FloatArray, least: float
+) -> Iterator[Part | None]:
+    """Yield what each candidate is in a block: columns that act here and of which the base leaves more than `least`.
 
     `columns` (N, p) are those of all candidates, which end at `ends`; `largest` (p,) is what each is in any channel.
     """
     here = np.sqrt(np.mean(columns**2, axis=0))
     seen = (here > UNSEEN * largest) & (here > 0.0)
-    seen[seen] = kept_shares(base, columns[:, seen]) > UNSEEN
+    seen[seen] = kept_shares(base, columns[:, seen]) > least
     begins = np.append(0, ends)
     there = np.pad(columns != 0.0, ((0, 0), (0, 1)))  # the last of all may have no column
     acting = np.ascontiguousarray(np.logical_or.reduceat(there, begins, axis=1).T)
