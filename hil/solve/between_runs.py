@@ -25,7 +25,7 @@ import numpy as np
 
 from hil.campaign import Conditions, FloatArray, IntArray
 from hil.campaign.data import known_mean
-from hil.solve.compared import DRIFT, TIME, UNSEEN, WAY, Answer, Compared, Jump, Places
+from hil.solve.compared import DRIFT, TIME, UNSEEN, WAY, Answer, Compared, Jump, Places, curve_over
 from hil.solve.temperatures import agrees, runs_by_temperature, told_by, visits
 from hil.solve.uncertain import Spread
 from procedures.verdict import Judgement, Verdict
@@ -84,7 +84,7 @@ class BetweenRuns:
     @property
     def off_a_curve(self) -> list[str]:
         """Say which of those jump off a curve over temperature, which no search for what moves rates tells from one."""
-        return self._jumps(name for name, jump in self.jumps.items() if jump.once and name not in self.apart)
+        return self._jumps(name for name, jump in self.jumps.items() if jump.once)
 
     def _said(self, jumps: Iterable[str]) -> list[str]:
         alike: dict[tuple[str, ...], list[str]] = {}
@@ -165,9 +165,11 @@ def between_runs(
         here = np.flatnonzero(np.isfinite(values[:, p] if degC is None else values[:, p] + degC))
         if name in {*follow, *jumps} or not len(here) or not np.all(sd[here, p] > 0.0):
             return (), None, []
-        along = None if degC is None else degC[here]
-        at, drivers = (here, p), every if degC is None else [*_drifts(visit)]
-        own = Compared.of(values[at], sd[at], errors[at], group[here], compared[here], number[here], along)
+        at, drivers, by_noise = (here, p), every, errors
+        along, known = None, 0.0
+        if degC is not None:  # about a curve visits lie as near as runs of one temperature scatter
+            along, known, drivers, by_noise = degC[here], float(spread.degrees[p]), [*_drifts(visit), *_bends(degC)], sd
+        own = Compared.of(values[at], sd[at], by_noise[at], group[here], compared[here], number[here], along, known)
         return own.explained(units[name], [(of, x[here]) for of, x in drivers], places)
 
     places: Places = None
@@ -230,6 +232,14 @@ def _drivers(number: IntArray, visit: IntArray, conditions: Conditions) -> Itera
         shown = of_each(column)
         if np.isfinite(shown).all() and np.ptp(shown) > UNSEEN * np.abs(shown).max():
             yield name, (shown - shown.mean())[:, None] / np.ptp(shown)
+
+
+def _bends(degC: FloatArray) -> Iterator[tuple[str, FloatArray]]:
+    """Yield what a curve over temperatures (r,) has with one order more, and with two: (r, 1) and (r, 2)."""
+    scaled = (degC - np.nanmean(degC)) / max(float(np.nanmax(degC) - np.nanmin(degC)), 1.0)
+    first = curve_over(scaled, len(np.unique(degC[np.isfinite(degC)]))).shape[1]
+    for more in (1, 2):
+        yield "temperature", scaled[:, None] ** np.arange(first, first + more)
 
 
 def _drifts(time: FloatArray | IntArray) -> Iterator[tuple[str, FloatArray]]:

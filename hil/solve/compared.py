@@ -1,10 +1,10 @@
 """What explains best what values of one temperature differ by: a column, or a jump between two of them.
 
-    own = Compared.of(values, sd, errors, group, compared, run, None)
+    own = Compared.of(values, sd, errors, group, compared, run)
     columns, jump, apart = own.explained("deg/hr", drivers, None)
 
 Everything is asked of values less what the temperature does to them: each has its own value, or, where each was gone to
-once, all lie about a curve. What scatters is what each leaves (an F test).
+once, all lie about a curve, as far as runs of one temperature scatter. What scatters is what each leaves (an F test).
 """
 
 from collections.abc import Iterator, Sequence
@@ -58,6 +58,7 @@ class Compared:
 
     With each its first run and its last, by their `number` (m, 2), and how much of its variance is its `noise`'s (m,).
     What is weighed by the `root` of the weight is less what the temperature does to it, an orthonormal basis (m, g).
+    So many degrees of freedom as are `known` tell the noise beside what is left.
     """
 
     values: FloatArray
@@ -69,6 +70,7 @@ class Compared:
     share: FloatArray
     number: IntArray
     run: IntArray
+    known: float
 
     @classmethod
     def of(
@@ -79,7 +81,8 @@ class Compared:
         group: IntArray,
         compared: IntArray,
         run: IntArray,
-        degC: FloatArray | None,
+        degC: FloatArray | None = None,
+        known: float = 0.0,
     ) -> Self:
         """Take together what is to be compared together; runs are in the order of time.
 
@@ -95,7 +98,7 @@ class Compared:
         if degC is not None:
             does = curve_over(degC[first], len(first))
         temperature = orthonormal(root[:, None] * does)
-        return cls(_sums(whose, share * values), root, noise, group, temperature, whose, share, ends, run)
+        return cls(_sums(whose, share * values), root, noise, group, temperature, whose, share, ends, run, known)
 
     def beside(self, columns: FloatArray) -> FloatArray:
         """Return columns (m, q) less what the temperature does, weighed."""
@@ -130,7 +133,8 @@ class Compared:
             usual = chdtrc(freedom - 1, left[k] / by_noise) > _USUAL
             usual &= chdtrc(1, (whole - left[k]) / by_noise) < _VERY_RARE**2
             rare = RARE if usual or places is not None else _VERY_RARE
-            if _chance(float(left[k]), whole, freedom, 1) * among < rare:
+            known, more = (self.known, self.known * by_noise) if usual else (0.0, 0.0)
+            if _chance(float(left[k]) + more, whole + more, freedom + known, 1) * among < rare:
                 sd = float(np.sqrt(left[k] / (freedom - _JUMP + 1) / norm[k]))
                 start, end = int(first[alike].min()), int(last[alike].max())
                 both = np.intersect1d(self.group[: last[k]], self.group[last[k] :])
@@ -200,7 +204,7 @@ def _score(left: FloatArray | float, whole: float, freedom: int, fitted: int) ->
     return np.asarray(freedom * np.log(np.maximum(left / whole, _NOTHING)) + fitted * np.log(freedom))
 
 
-def _chance(left: float, whole: float, freedom: int, fitted: int) -> float:
+def _chance(left: float, whole: float, freedom: float, fitted: int) -> float:
     """Return the chance of so little left of what only scatters."""
     rest = freedom - fitted
     if rest < 1:
