@@ -194,16 +194,21 @@ def test_where_each_temperature_was_gone_to_once_no_uncertainty_has_what_visits_
         assert any(each.startswith(said) for each in told) is so
 
 
-@pytest.mark.parametrize("each", [1, 3])
+@pytest.mark.parametrize(("each", "scatter"), [(1, 0.5), (3, 0.5), (3, 4.0)])
 @pytest.mark.parametrize("at", [2, 4, 5])
-def test_a_jump_between_temperatures_gone_to_once_is_told_beside_what_the_unit_may_do(each: int, at: int) -> None:
-    """All runs of a temperature agree, and nobody said a word of a bias that is another from there on."""
+def test_a_jump_between_temperatures_gone_to_once_is_told_beside_what_the_unit_may_do(
+    each: int, scatter: float, at: int
+) -> None:
+    """All runs of a temperature agree, and nobody said a word of a bias that is another from there on.
+
+    What they scatter by, which they tell better than a curve of few values does, is how near visits lie to it.
+    """
     conditions = campaign(8 * each, each).sensors[2].conditions
     runs = np.arange(1, 8 * each + 1)
     station = (runs - 1) // each
     rng = np.random.default_rng(at)
     values = np.stack([0.3 * station**2 + 60.0 * (station >= at), 5.0 * station - 0.3 * station**2], 1)
-    values += rng.normal(0.0, 0.5, values.shape)
+    values += rng.normal(0.0, scatter, values.shape)
     found = between_runs(
         {"BA": "deg/hr", "BB": "deg/hr"}, runs.tolist(), values, np.full(values.shape, 0.5), conditions
     )
