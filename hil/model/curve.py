@@ -15,6 +15,7 @@ A curve that was fitted to measurements says where they were made, `valid_degC`,
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 
@@ -57,8 +58,9 @@ class _Curve(Section):
             )
         return np.asarray(self._at(temperatures))
 
+    @abstractmethod
     def _at(self, temperature_degC: FloatArray) -> ArrayLike:
-        raise NotImplementedError
+        """Return the value at each temperature, (n,), all of them in the range of measurement."""
 
 
 class Constant(_Curve):
