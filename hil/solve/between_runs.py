@@ -160,23 +160,24 @@ def between_runs(
     every = [*_drivers(number, visit, conditions)]
     follow, jumps, apart = dict[str, tuple[str, ...]](), dict[str, Jump](), dict[str, tuple[int, ...]]()
 
-    def asked(name: str, compared: IntArray, places: Places, degC: FloatArray | None = None) -> Answer:
-        p = [*units].index(name)
-        here = np.flatnonzero(np.isfinite(values[:, p] if degC is None else values[:, p] + degC))
+    def asked(p: int, compared: IntArray, places: Places, degC: FloatArray | None = None) -> Answer:
+        name, here = [*units][p], np.flatnonzero(np.isfinite(values[:, p] if degC is None else values[:, p] + degC))
         if name in {*follow, *jumps} or not len(here) or not np.all(sd[here, p] > 0.0):
             return (), None, []
-        at, drivers, by_noise = (here, p), every, errors
-        along, known = None, 0.0
+        at, by_noise, along, known = (here, p), errors, None, 0.0
+        drivers = [(of, x[here]) for of, x in (every if degC is None else _drifts(visit))]
         if degC is not None:  # about a curve visits lie as near as runs of one temperature scatter
-            along, known, drivers, by_noise = degC[here], float(spread.degrees[p]), [*_drifts(visit), *_bends(degC)], sd
+            along, by_noise, known = degC[here], sd, float(spread.degrees[p])
+            bends = (curve_over(along, len(np.unique(compared[here])), more)[:, :more] for more in (1, 2))
+            drivers += [("temperature", bend) for bend in bends]
         own = Compared.of(values[at], sd[at], by_noise[at], group[here], compared[here], number[here], along, known)
-        return own.explained(units[name], [(of, x[here]) for of, x in drivers], places)
+        return own.explained(units[name], drivers, places)
 
     places: Places = None
     while places != []:  # where one value jumps another does, by less than would be seen elsewhere
         for p, name in enumerate(units):
             if spread.certain[p]:
-                columns, step, runs_apart = asked(name, visit if differ[p] else np.arange(len(number)), places)
+                columns, step, runs_apart = asked(p, visit if differ[p] else np.arange(len(number)), places)
                 if columns and not (WAY in columns and differ[p]):  # what visits differ by is said of those
                     follow[name] = columns
                 if step is not None:
@@ -194,8 +195,8 @@ def between_runs(
         said, contradicted = {n: jumps[n] for n in beside}, {n: apart[n] for n in beside if n in apart}
         return replace(rest, jumps={**rest.jumps, **said}, apart={**rest.apart, **contradicted}, another=unexplained)
     degC = np.array([np.nan if at is None else at for at, _ in visits(conditions)])[visit]
-    for name in units if not again.any() else ():
-        _, step, _ = asked(name, visit, None, degC)
+    for p, name in enumerate(units if not again.any() else ()):
+        _, step, _ = asked(p, visit, None, degC)
         if step is not None:
             jumps[name] = replace(step, once=True)
             if step.before == step.after:
@@ -232,14 +233,6 @@ def _drivers(number: IntArray, visit: IntArray, conditions: Conditions) -> Itera
         shown = of_each(column)
         if np.isfinite(shown).all() and np.ptp(shown) > UNSEEN * np.abs(shown).max():
             yield name, (shown - shown.mean())[:, None] / np.ptp(shown)
-
-
-def _bends(degC: FloatArray) -> Iterator[tuple[str, FloatArray]]:
-    """Yield what a curve over temperatures (r,) has with one order more, and with two: (r, 1) and (r, 2)."""
-    scaled = (degC - np.nanmean(degC)) / max(float(np.nanmax(degC) - np.nanmin(degC)), 1.0)
-    first = curve_over(scaled, len(np.unique(degC[np.isfinite(degC)]))).shape[1]
-    for more in (1, 2):
-        yield "temperature", scaled[:, None] ** np.arange(first, first + more)
 
 
 def _drifts(time: FloatArray | IntArray) -> Iterator[tuple[str, FloatArray]]:

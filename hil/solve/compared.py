@@ -188,9 +188,12 @@ class Compared:
         return product, np.concatenate([by_step[:-1], alone]), first, last
 
 
-def curve_over(degC: FloatArray, told_at: int) -> FloatArray:
-    """Return what a curve over temperatures (n,) is made of, (n, order + 1): half as many values as it is `told_at`."""
-    order = max(min(DRIFT, told_at // 2 - 1), 0)
+def curve_over(degC: FloatArray, told_at: int, more: int = 0) -> FloatArray:
+    """Return what a curve over temperatures (n,) is made of, (n, order + 1), the highest order first.
+
+    It has half as many values as it is `told_at`, and as many `more` as are asked for.
+    """
+    order = max(min(DRIFT, told_at // 2 - 1), 0) + more
     return np.vander((degC - degC.mean()) / max(float(np.ptp(degC)), 1.0), order + 1)
 
 

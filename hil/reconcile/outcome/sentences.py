@@ -247,11 +247,11 @@ def gap_in_words(result: Reconciliation) -> list[str]:
         return [f"With {listed(mended)} {falls}; {noise}."]
     better = float(np.exp(score["after"] - score["before"]))
     scatters = all(effect.acts_on == "scatter" for effect in result.effects if not effect.mends_labels)
-    stays = f"the mean gap stays, {number(gap.after)} deg/hr"
-    hardly = f"the mean gap hardly shows it, {number(gap.before)} and {number(gap.after)} deg/hr"
+    stays = f"It scatters and moves no average: the mean gap stays, {number(gap.after)} deg/hr"
+    hardly = f"The mean gap hardly shows it, {number(gap.before)} and {number(gap.after)} deg/hr"
     return [
         f"With {listed(mended)} every rate {how} is {in_times(better)} as probable as before.",
-        f"{f'It scatters and moves no average: {stays}' if scatters else f'T{hardly[1:]}'}; {noise}.",
+        f"{stays if scatters else hardly}; {noise}.",
     ]
 
 
