@@ -337,3 +337,13 @@ def test_a_frame_that_tells_another_length_is_none_of_the_run_before_it() -> Non
     short, long = bytes.fromhex("FE 81 00 11"), bytes.fromhex("FE 81 04 22 FE 81 00 33")
     decoded = StreamDecoder(description).feed(short * 3 + long * 3)
     assert frames_of(decoded["sample"]) == [short] * 3 + [long] * 3
+
+
+@pytest.mark.parametrize(("begins", "flaws"), [(58, 0), (59, 1)])
+def test_what_begins_in_the_bytes_of_a_frame_that_timed_out_is_no_further_flaw(begins: int, flaws: int) -> None:
+    """It is one frame of 59 bytes that was lost, of which 20 had arrived; the next byte may begin another."""
+    (frame,), decoder = samples(1), StreamDecoder(mfs())
+    bad = frame[:-1] + bytes([frame[-1] ^ 1])
+    decoder.feed(frame[:20])
+    assert decoder.feed(b"", 10.0).counts.timed_out == 1
+    assert decoder.feed(bytes(begins - 20) + bad, 11.0).counts.bad_checksum == flaws
