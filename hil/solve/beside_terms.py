@@ -7,7 +7,7 @@ So the improved model that reconcile writes gives parameters that are no longer 
 is held against no less noise than reconcile holds it against. Whatever else is asked of the campaign is asked of this.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from dataclasses import replace
 
 import numpy as np
@@ -21,7 +21,6 @@ from hil.model.effects.scatter import Scatter
 from hil.model.forms import default_form
 from hil.solve.identifiability import orthonormal, project_out
 from hil.solve.repeats import Grouping, SensorRepeats, repeats
-from hil.solve.residuals import Changes, changes
 from hil.solve.runs import RunSolution, solve_campaign
 from hil.solve.temperatures import runs_by_temperature
 from hil.solve.wrong_rows import wrong_rows
@@ -34,36 +33,19 @@ def beside_usual(
     shown: Mapping[int, SensorRepeats],
     usual: Callable[[Conditions], FloatArray],
     alike: Grouping = runs_by_temperature,
-) -> tuple[Campaign, Mapping[int, SensorRepeats], Mapping[int, Mapping[int, FloatArray]]]:
-    """Return what repeats show, with `usual` errors (n, c) of sensors whose noise neither errors nor residuals tell.
+) -> tuple[Campaign, Mapping[int, SensorRepeats], Set[int]]:
+    """Return what repeats show, with `usual` errors (n, c) of sensors whose noise nothing tells.
 
-    Of the others it is what was `shown`. Nobody stated these errors, so that they are as many times as large as runs of
-    one temperature differ by, be it by chance. With it the campaign with them, and for each sensor that has some how
-    many times that is, by run and channel (c,).
+    Neither errors, nor residuals, nor runs of one temperature. Of the others it is what was `shown`. With it the
+    campaign with them, and which sensors these are.
     """
-    assumed = dict[int, dict[int, FloatArray]]()
-    for _ in range(2):  # as usual, then as these show
-        for n, each in shown.items():
-            if n in assumed or (not each.stated and np.isnan(each.left_deg_per_hr).all()):
-                rows, runs = campaign.sensors[n], campaign.sensors[n].conditions.of_each_run
-                at = {run: changes(rows, {*of}) for _, of, _ in each.differ.uneven for run in of}
-                assumed[n] = {run: _times(each.differ, at.get(run, each.differ)) for run in runs}
-                every = np.ones(rows.rates_deg_per_hr.shape)
-                for run, here in runs.items():
-                    every[here] = assumed[n][run]
-                rows = replace(rows, rates_se_deg_per_hr=every * usual(rows.conditions))
-                campaign = replace(campaign, sensors={**campaign.sensors, n: rows})
-        shown = repeats(campaign, solve_campaign(campaign), alike) if assumed else shown
-    return campaign, shown, assumed
-
-
-def _times(of_all: Changes, here: Changes) -> FloatArray:
-    """Return how many of its errors each channel differs by, (c,), `here` where it differs by more at some places."""
-    out = np.ones(len(of_all.freedom))
-    for each in (here, of_all):  # where no errors are there yet nothing differs by so many of them
-        known = (each.freedom > 0.5) & (each.squares > 0.0)
-        out[known] = np.sqrt(each.squares[known] / each.freedom[known])
-    return out
+    assumed = {n for n, each in shown.items() if not each.stated and np.isnan(each.left.deg_per_hr).all()}
+    if not assumed:
+        return campaign, shown, assumed
+    rows = {n: campaign.sensors[n] for n in assumed}
+    laid = {n: replace(each, rates_se_deg_per_hr=usual(each.conditions)) for n, each in rows.items()}
+    campaign = replace(campaign, sensors={**campaign.sensors, **laid})
+    return campaign, repeats(campaign, solve_campaign(campaign), alike), assumed
 
 
 def solve_beside(campaign: Campaign, model: Model) -> list[RunSolution]:
@@ -162,15 +144,17 @@ def _of_each_run(
 ) -> Iterator[tuple[IntArray, tuple[str, ...], FloatArray, FloatArray, FloatArray]]:
     """Yield rows (k,), names and columns (k·c, p) of the parameters, and the covariance (k·c, k·c) of what scatters.
 
-    And the variance (k·c,) of white noise of which these would leave as much.
+    And the variance (k·c,) of white noise of which these would leave as much: what each collect draws anew is that.
     """
     for here in conditions.of_each_run.values():
         own = conditions.rows(here)
         form = default_form(own)
         there = [replace(p, columns=p.columns[here], group=None if p.group is None else p.group[here]) for p in parts]
-        covariance = np.asarray(sum(part.covariance(own) for part in there))
+        every = [(part.is_white, part.covariance(own)) for part in there]
+        covariance = np.asarray(sum(of for _, of in every))
+        white = sum((np.diag(of) for is_white, of in every if is_white), np.zeros(len(covariance)))
         columns = flattened(form.columns(own))
         basis = orthonormal(columns, 1e-6)
-        left = np.diag(project_out(basis, project_out(basis, covariance).T))
-        within = left / np.maximum(1.0 - np.sum(basis**2, axis=1), 1e-6)
+        left = np.diag(project_out(basis, project_out(basis, covariance - np.diag(white)).T))
+        within = white + np.maximum(left, 0.0) / np.maximum(1.0 - np.sum(basis**2, axis=1), 1e-6)
         yield here, form.names, columns, covariance, within

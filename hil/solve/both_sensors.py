@@ -23,7 +23,6 @@ from hil.campaign import Campaign, FloatArray, IntArray
 from hil.files.document import picked
 from hil.model.forms import MATRIX_6, PER_G, RATE
 from hil.solve.repeats import SensorRepeats, repeats
-from hil.solve.residuals import noise_left
 from hil.solve.runs import solve_campaign
 from hil.solve.temperatures import runs_by_temperature
 from hil.solve.uncertain import CONFIDENCE, RARE, Spread, means_at
@@ -109,9 +108,8 @@ def common_and_differential(campaign: Campaign) -> BothSensors | None:
     solved: dict[int, dict[int, FloatArray]] = {}
     shown = repeats(chosen, every := solve_campaign(chosen, "matrix-6"))
     solutions = [each for each in every if each.runs[0] in shown[each.sensor].of_each]
-    noise = {number: noise_left([e.left_over for e in solutions if e.sensor == number], 2) for number in rotors}
     for each in solutions:
-        pairs = [(e.value, math.nan if e.se is None else e.se) for e in each.by_noise(noise[each.sensor][0]).values()]
+        pairs = [(e.value, math.nan if e.se is None else e.se) for e in each.by_noise(each.left.deg_per_hr).values()]
         if len(pairs) == len(MATRIX_6) and all(value is not None for value, _ in pairs):
             solved.setdefault(each.runs[0], {})[each.sensor] = np.array(pairs, dtype=np.float64)
     both = {run: np.stack([of[n] for n in rotors]) for run, of in solved.items() if len(of) == 2}
@@ -125,7 +123,7 @@ def common_and_differential(campaign: Campaign) -> BothSensors | None:
     group = np.repeat(np.arange(len(at)), [len(runs) for _, runs in at])
     values, errors = np.moveaxis(np.array([both[run] for _, runs in at for run in runs]), -1, 0)  # (runs, 2, 6)
     white = np.sqrt(np.sum(errors**2, axis=1))  # the sensors' noise is independent
-    known = min(float(by.min()) for _, by in noise.values())
+    known = min(float(each.left.freedom.min()) for each in solutions)
 
     def told_of(of: FloatArray, error: FloatArray) -> SensorRepeats:
         spread = Spread.of(of, error, group, residuals=known)
@@ -134,7 +132,7 @@ def common_and_differential(campaign: Campaign) -> BothSensors | None:
     common, differential = (
         told_of(of, error) for of, error in ((values.mean(axis=1), 0.5 * white), (values[:, 1] - values[:, 0], white))
     )
-    alike = not any(shown[number].uneven.any() or shown[number].left_larger for number in rotors)
+    alike = not any(shown[number].uneven.any() or shown[number].left.larger for number in rotors)
     every_sensor = zip(values.swapaxes(0, 1), errors.swapaxes(0, 1), strict=True)
     away = np.stack([_away(*of, group, known, alike=alike) for of in every_sensor])
     degrees = len(group) - len(at)

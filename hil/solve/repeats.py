@@ -29,7 +29,7 @@ from hil.campaign import BoolArray, Campaign, Collects, Conditions, FloatArray
 from hil.files.numbers import degrees
 from hil.solve.between_runs import BetweenRuns
 from hil.solve.precision import stated_noise, to_record_of
-from hil.solve.residuals import NO_ONE, Changes, larger_somewhere, noise_left, shares_of
+from hil.solve.residuals import DIFFERENCES, NO_ONE, Changes, Left, shares_of
 from hil.solve.runs import RunSolution, told_by_runs
 from hil.solve.temperatures import (
     nearest,
@@ -72,8 +72,8 @@ class SensorRepeats:
     they have, and `noise_told` whether anything but those errors tells what noise there is. `to_record` are columns
     that nobody recorded and that what scatters beyond noise may follow. `of_means`: rows are printed means of runs,
     whose standard errors have what these scattered by. `temperature_degC` is that of every run that has one;
-    `of_visits` parameters differ between visits to one, `between` says by what, `left_larger` where residuals do;
-    `visited_once` says so of several temperatures, where each was gone to once.
+    `of_visits` parameters differ between visits to one, `between` says by what; `visited_once` says
+    so of several temperatures, where each was gone to once.
     """
 
     names: tuple[str, ...]
@@ -89,7 +89,7 @@ class SensorRepeats:
     differ: Changes = field(default_factory=lambda: Changes(np.zeros(0), np.zeros(0)))
     noise_times: FloatArray = field(default_factory=lambda: np.ones(1))
     same_times: Mapping[str, float] = field(default_factory=dict)
-    left_deg_per_hr: FloatArray = field(default_factory=lambda: np.full(1, np.nan))
+    left: Left = field(default_factory=lambda: Left(np.full(1, np.nan), np.full(1, np.inf)))
     stated: bool = True
     noise_told: bool = False
     to_record: Sequence[str] = ()
@@ -97,7 +97,6 @@ class SensorRepeats:
     temperature_degC: Mapping[int, float] = field(default_factory=dict)
     of_visits: Sequence[str] = ()
     between: BetweenRuns = field(default_factory=BetweenRuns)
-    left_larger: Sequence[str] = ()
     visited_once: Sequence[str] = ()
 
     @classmethod
@@ -139,7 +138,7 @@ class SensorRepeats:
 
     def of_run(self, solution: RunSolution) -> dict[str, Uncertain]:
         """Return one run's values with what repeats show in their uncertainty; those that it could not tell lack."""
-        told, found = solution.by_noise(self.left_deg_per_hr), {}
+        told, found = solution.by_noise(self.left.deg_per_hr), {}
         errors = np.array([told[name].se if name in told else None for name in self.names], np.float64)
         every = zip(self.names, self.units, self.spread.sd(errors).tolist(), self.spread.freedom.tolist(), strict=True)
         for place, (name, unit, sd, freedom) in enumerate(every):
@@ -149,7 +148,7 @@ class SensorRepeats:
 
     def noise(self, errors: FloatArray) -> FloatArray:
         """Return the noise of averages with these standard errors, (n, c), deg/hr each; NaN where nothing tells it."""
-        left = np.broadcast_to(self.left_deg_per_hr, errors.shape)
+        left = np.broadcast_to(self.left.deg_per_hr, errors.shape)
         return np.asarray(self.noise_times * errors if self.stated else left)
 
     def of_a_collect(self, errors: FloatArray, columns: FloatArray) -> float:
@@ -180,6 +179,7 @@ class SensorRepeats:
             "runs_not_used": list(self.not_used),
             "standard_errors": self.noise_in_words,
             "explained": self.between.in_words,
+            **({} if self.stated else {"noise_deg_per_hr": self.left.of(self.channels)}),
         }
 
     def sentences(self) -> list[str]:
@@ -205,7 +205,7 @@ class SensorRepeats:
         least = f"{every.min()} to " * bool(every.min() < every.max())
         freedom = f"{least}{counted(int(every.max()), 'degree')} of freedom"
         unknown = "" if self.told_by else "; no temperature was recorded, so that every run counts as a repeat"
-        errors = self.noise_by("standard errors" if self.stated else "residuals")
+        errors = self.noise_by("standard errors" if self.stated else self.left.by)
         if told:
             how = f"more than their {errors} say" if any(of.stated) else _NEITHER
             included = "; each ± includes what noise does not explain (hil reconcile asks what it follows)"
@@ -264,7 +264,7 @@ class SensorRepeats:
     @property
     def noise_in_words(self) -> list[str]:
         """Say by how much standard errors are too small or too large, and where residuals are no noise."""
-        by_noise = [*self.differ.in_words(self.channels), *self.left_larger]
+        by_noise = [*self.differ.in_words(self.channels), *self.left.larger]
         if self.same_times:
             each = listed(f"{channel} {significant(times)} times" for channel, times in self.same_times.items())
             alone = f"over all runs together residuals are in {each} what standard errors allow, and do not differ as"
@@ -279,7 +279,7 @@ class SensorRepeats:
     @property
     def uneven_in_words(self) -> list[str]:
         """Say what noise or which parameters are larger at some temperatures than at others: no one ± holds at each."""
-        told, by_noise = [], [*self.differ.uneven_in_words(self.channels), *self.left_larger]
+        told, by_noise = [], [*self.differ.uneven_in_words(self.channels), *self.left.larger]
         for name in (name for name, odd in zip(self.names, self.uneven, strict=True) if odd):
             most = max(self.means, key=lambda mean: np.nan_to_num(mean.scatter.get(name, 0.0)))
             told.append(f"{name} (most at {degrees(most.temperature_degC)}, {numbered('run', most.runs)})")
@@ -323,8 +323,8 @@ def _of_sensor(
     conditions, stated = rows.conditions, stated_noise(rows) is not None
     at, channels = list(grouped(conditions)), list(conditions.sensor.channels)
     telling = [e for e in own if e.settled] or own  # what moved inside a run that had not is no noise of others
-    noise, known_by = noise_left([each.left_over for each in telling], len(channels))
-    units, values, errors = told_by_runs(own, noise)
+    left = own[0].left
+    units, values, errors = told_by_runs(own, left.deg_per_hr)
     values[np.array([[e.runs[0] in own[0].between.alone.get(name, ()) for name in units] for e in own])] = np.nan
     group = np.array([next((k for k, (_, runs) in enumerate(at) if each.runs[0] in runs), -1) for each in own])
     visited = [degC for degC, _ in visits(conditions) if degC is not None]
@@ -348,7 +348,9 @@ def _of_sensor(
     with np.errstate(divide="ignore"):
         part = variance / np.maximum(variance.sum(axis=1, keepdims=True), 1e-300)
         known = 1.0 / np.sum(part**2 / np.maximum(behind, 1.0), axis=1)
-    residuals = np.minimum(known, shares @ known_by if np.isfinite(known_by).all() else math.inf)
+    residuals = np.minimum(known, shares @ left.freedom if np.isfinite(left.freedom).all() else math.inf)
+    if left.by == DIFFERENCES:  # of what tells it by its own differences these are not known better by them
+        residuals = np.where([name.startswith(("B", "MU")) for name in units], residuals, 1.0)
     changing = np.sqrt(variance.sum(axis=1) - common)
     beyond = np.array([run_scatter.get(name, 0.0) for name in units])
     of_visits = own[0].between.of_visits if grouped is runs_by_temperature else ()  # else visits stand apart
@@ -359,7 +361,7 @@ def _of_sensor(
     spread = Spread.of(*one_each, group, changing, residuals, np.sqrt(common), beyond)
     together = np.where(by_visit, visit[:, None], np.arange(len(own))[:, None])
     means = means_at(units, values, errors, group, at, spread, together)
-    shown = replace(SensorRepeats.of(units, spread, means), left_deg_per_hr=noise)
+    shown = replace(SensorRepeats.of(units, spread, means), left=left)
     by_noise = Spread.of(*one_each, group, np.sqrt(shares @ noise_times**2), residuals, stated_beyond=beyond)
     alike = np.nan_to_num(spread.parts(errors)[1]).tolist()
     return replace(
@@ -377,7 +379,6 @@ def _of_sensor(
         channels=channels,
         differ=differ,
         between=own[0].between,
-        left_larger=larger_somewhere([(t, [e.left_over for e in telling if e.runs[0] in runs]) for t, runs in at]),
         noise_times=noise_times,
         same_times={c: float(of) for c, of, is_so in zip(channels, residual_times, contradicted, strict=True) if is_so},
         by_noise=by_noise,
@@ -385,5 +386,5 @@ def _of_sensor(
         stated=stated,
         visited_once=[_VISITED_ONCE] * (1 < len(visited) == len(set(visited))),
         of_visits=of_visits,
-        noise_told=bool(freedom.sum() + differ.freedom.sum() > 0.5 or np.isfinite(noise).all()),
+        noise_told=bool(freedom.sum() + differ.freedom.sum() > 0.5 or np.isfinite(left.deg_per_hr).all()),
     )

@@ -5,7 +5,7 @@
 
 import math
 from collections.abc import Collection, Sequence, Set
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -28,9 +28,11 @@ LACKS = "the model lacks something (ask hil reconcile), or they are too small, a
 """Why runs FAIL that would FAIL again if they were measured again."""
 MOVED = "by what the unit went through before it had settled, or by what the model lacks then, too"
 """Why runs FAIL whose soak had not ended."""
+RESIDUALS, DIFFERENCES = "residuals", "differences beside bias and MU"
 NO_ONE = "no one ± holds at each"
 """Of temperatures at which noise, or what changes from run to run, is not alike."""
 _ROUNDING = 1e-6  # of their errors: values that differ by less do not differ
+_ENOUGH = 4.0  # degrees of freedom, by which Student's interval is a fifth wider than by twice as many
 _COMMON = 1e-3  # of what all runs have in common: less is a difference of poses, and their parameters'
 
 
@@ -45,22 +47,44 @@ def shares_of(collects: Collects) -> dict[str, FloatArray]:
     return dict(zip(form.names, of_each / np.maximum(of_each.sum(axis=1, keepdims=True), 1e-300), strict=True))
 
 
-def noise_left(of_runs: Sequence[tuple[FloatArray, FloatArray] | None], channels: int) -> tuple[FloatArray, FloatArray]:
-    """Return what residuals of all of a sensor's runs make of noise that is not stated, deg/hr, and how well known.
+@dataclass(frozen=True)
+class Left:
+    """The noise of rates that state no errors, deg/hr, and degrees of freedom behind it, (c,): NaN, and none, unknown.
 
-    `of_runs` are the squares, in deg/hr, and degrees of freedom that each run has of every channel, (c,) each; None of
-    one that has none, or states its errors. How well known are degrees of freedom; both (c,): of all channels together,
-    or of each where it is another than chance makes of one. NaN, and infinitely many, where there is no residual.
+    `by` says what tells it, and `larger` that it is so at one temperature, or nothing.
     """
-    told = [np.array(each) for each in of_runs if each is not None]
-    squares, freedom = sum(told, np.zeros((2, channels)))
+
+    deg_per_hr: FloatArray
+    freedom: FloatArray
+    by: str = RESIDUALS
+    larger: Sequence[str] = ()
+
+    def of(self, channels: Sequence[str]) -> dict[str, float]:
+        """Return the noise by channel, of those of which it is known."""
+        known = zip(channels, self.deg_per_hr.tolist(), strict=True)
+        return {channel: noise for channel, noise in known if math.isfinite(noise)}
+
+
+Squares = Sequence[tuple[float | None, FloatArray, FloatArray]]
+"""Squares and their degrees of freedom, (c,) each, at each temperature, °C."""
+
+
+def noise_left(by_residuals: Squares, by_repeats: Squares, channels: int) -> Left:
+    """Return what all of a sensor's runs make of noise that is not stated, by squares in (deg/hr)².
+
+    Residuals tell it, and where there are none what runs of one temperature differ by. It is that of each channel, or
+    of all together where few degrees of freedom tell that of any.
+    """
+    at, by = next(
+        ((at, by) for at, by in ((by_residuals, RESIDUALS), (by_repeats, DIFFERENCES)) if sum(n.sum() for *_, n in at)),
+        ((), RESIDUALS),
+    )
+    squares, freedom = sum((np.array(own) for _, *own in at), np.zeros((2, channels)))
     if not np.any(freedom > 0.5):
-        return np.full(channels, math.nan), np.full(channels, math.inf)
-    known = freedom > 0.5
-    apart = uneven((squares / np.where(known, freedom, 1.0))[:, None], np.where(known, freedom, 0.0)[:, None])[0]
-    if not (apart and known.all()):
+        return Left(np.full(channels, math.nan), np.full(channels, math.inf))
+    if np.any(np.round(freedom) < _ENOUGH):
         squares, freedom = (np.full(channels, of.sum()) for of in (squares, freedom))
-    return np.sqrt(squares / freedom), freedom
+    return Left(np.sqrt(squares / freedom), freedom, by, _larger_somewhere(at, by))
 
 
 @dataclass(frozen=True)
@@ -128,6 +152,13 @@ class Changes:
         return [f"averages of {listed(of)} {how}: by {at}: {NO_ONE}" for at, of in where.items()]
 
 
+def unstated_changes(rows: Collects, runs: Set[int]) -> Squares:
+    """Return what differs from run to run as `changes` does, in (deg/hr)², of rates that state no errors."""
+    rows = replace(rows, rates_se_deg_per_hr=np.ones_like(rows.rates_se_deg_per_hr))
+    groups, squares, freedom, _ = _between_runs(rows, runs)
+    return [(degC, *own) for (degC, _), *own in zip(groups, squares, freedom, strict=True)]
+
+
 def changes(rows: Collects, runs: Set[int]) -> Changes:
     """Return what differs from run to run.
 
@@ -136,6 +167,26 @@ def changes(rows: Collects, runs: Set[int]) -> Changes:
     run makes does, or, where a run leaves nothing of that, than the bias or MU, in which noise is, too, it changes, and
     what none makes is what differs.
     """
+    groups, squares, freedom, certain = _between_runs(rows, runs)
+    count = squares.shape[1]
+    told = squares.sum(axis=0) > _ROUNDING**2 * freedom.sum(axis=0)
+    odd = _uneven(squares, freedom) & told
+    if not odd.any() and told.all() and _uneven(*(of.sum(axis=1, keepdims=True) for of in (squares, freedom)))[0]:
+        odd |= True  # few runs of a temperature tell it of all channels together sooner than of each
+        squares, freedom = (np.tile(of.sum(axis=1, keepdims=True), count) for of in (squares, freedom))
+    times = np.sqrt(squares / np.maximum(freedom, 0.5))
+    more = np.where(odd & (chdtrc(np.maximum(freedom, 0.5), squares) < RARE / max(len(groups), 1)), times, 1.0)
+    by_temperature = [(degC, several, own) for (degC, several), own in zip(groups, more, strict=True)]
+    of_all = told & ~odd
+    return Changes(
+        squares.sum(axis=0) * of_all, freedom.sum(axis=0) * of_all, certain, by_temperature if odd.any() else ()
+    )
+
+
+def _between_runs(
+    rows: Collects, runs: Set[int]
+) -> tuple[Sequence[tuple[float, Sequence[int]]], FloatArray, FloatArray, bool]:
+    """Return temperatures with their runs, squares and degrees of freedom at each, (k, c), and if no errors hold."""
     conditions, form = rows.conditions, default_form(rows.conditions)
     seen, known = rows.rates_deg_per_hr - conditions.w_channels_deg_per_hr, np.isfinite(rows.rates_deg_per_hr)
     root = np.where(known, 1.0 / np.where(known, rows.rates_se_deg_per_hr, 1.0), 0.0)
@@ -157,18 +208,7 @@ def changes(rows: Collects, runs: Set[int]) -> Changes:
     noises = (every,) if every[1] > 0.5 else (of_bias - usual, of_mu - usual)
     another = any(_exceeds(usual - every, noise, len(noises)) for noise in noises)
     squares, freedom = found[2 + another]
-    told = squares.sum(axis=0) > _ROUNDING**2 * freedom.sum(axis=0)
-    odd = _uneven(squares, freedom) & told
-    if not odd.any() and told.all() and _uneven(*(of.sum(axis=1, keepdims=True) for of in (squares, freedom)))[0]:
-        odd |= True  # few runs of a temperature tell it of all channels together sooner than of each
-        squares, freedom = (np.tile(of.sum(axis=1, keepdims=True), count) for of in (squares, freedom))
-    times = np.sqrt(squares / np.maximum(freedom, 0.5))
-    more = np.where(odd & (chdtrc(np.maximum(freedom, 0.5), squares) < RARE / max(len(groups), 1)), times, 1.0)
-    by_temperature = [(degC, several, own) for (degC, several), own in zip(groups, more, strict=True)]
-    of_all = told & ~odd
-    return Changes(
-        squares.sum(axis=0) * of_all, freedom.sum(axis=0) * of_all, certain, by_temperature if odd.any() else ()
-    )
+    return groups, squares, freedom, certain
 
 
 def _uneven(squares: FloatArray, freedom: FloatArray) -> BoolArray:
@@ -176,20 +216,16 @@ def _uneven(squares: FloatArray, freedom: FloatArray) -> BoolArray:
     return uneven(squares / np.maximum(freedom, 0.5), np.where(freedom > 0.5, freedom, 0.0))
 
 
-def larger_somewhere(at: Sequence[tuple[float | None, Sequence[tuple[FloatArray, FloatArray] | None]]]) -> list[str]:
-    """Say that residuals are larger at one temperature than at another, of rates whose noise is not stated; or nothing.
-
-    `at` each, °C, are the squares and degrees of freedom, (c,) each, that its runs have; None of one that has none.
-    """
-    of_each = {degC: np.sum([np.sum(own, axis=1) for own in of if own is not None], axis=0) for degC, of in at}
-    told = {degC: own for degC, own in of_each.items() if degC is not None and np.ndim(own) and own[1] > 0.5}
+def _larger_somewhere(at: Squares, by: str) -> list[str]:
+    """Say that what is left is larger at one temperature than at another; or nothing."""
+    told = {degC: (own.sum(), free.sum()) for degC, own, free in at if degC is not None and free.sum() > 0.5}
     squares, freedom = np.array([*told.values()]).reshape(-1, 2).T[..., None]
     if not _uneven(squares, freedom)[0]:
         return []
     size = dict(zip(told, np.sqrt(squares / freedom).ravel().tolist(), strict=True))
     loud, quiet = max(size, key=lambda of: size[of]), min(size, key=lambda of: size[of])
     times = significant(size[loud] / max(size[quiet], 1e-300))
-    return [f"residuals are {times} times as large at {degrees(loud)} as at {degrees(quiet)}: {NO_ONE}"]
+    return [f"{by} are {times} times as large at {degrees(loud)} as at {degrees(quiet)}: {NO_ONE}"]
 
 
 def _differs(white: FloatArray, columns: FloatArray, root: FloatArray) -> FloatArray:

@@ -34,14 +34,17 @@ from hil.solve.residuals import (
     LACKS,
     MOVED,
     Changes,
+    Left,
+    Squares,
     beyond_errors,
     changes,
     judge,
     noise_left,
+    unstated_changes,
     what_lacks,
     wider_in_words,
 )
-from hil.solve.temperatures import law_not_told
+from hil.solve.temperatures import law_not_told, runs_by_temperature
 from hil.solve.wrong_rows import WrongRows, treated, wrong_rows
 from procedures.verdict import Judgement, Verdict
 from procedures.words import listed, numbered
@@ -77,8 +80,8 @@ class RunSolution:
     (p, c) are the standard errors of rates of which those of one channel have a noise of 1 deg/hr, None where standard
     errors are stated. `differ` is what its sensor's runs differ by that no parameter of a run makes: beside that noise
     it is `judged` by its residuals, and `beside` that by how it was measured; `between` is what explains what runs of
-    one temperature differ by; `form_reason` says why no fuller form was taken. What the campaign has `taken_as_zero` is
-    none of the `parameters`.
+    one temperature differ by, and `left` what tells the noise of a sensor's rates that state no errors; `form_reason`
+    says why no fuller form was taken. What the campaign has `taken_as_zero` is none of the `parameters`.
     """
 
     run: int | None
@@ -104,6 +107,7 @@ class RunSolution:
     per_noise: FloatArray | None = None
     differ: Changes = field(default_factory=lambda: Changes(np.zeros(1), np.zeros(1)))
     between: BetweenRuns = field(default_factory=BetweenRuns)
+    left: Left = field(default_factory=lambda: Left(np.full(1, np.nan), np.full(1, np.inf)))
 
     def by_noise(self, deg_per_hr: FloatArray) -> Mapping[str, Estimate]:
         """Return the parameters with the standard errors of rates of this noise (c,), NaN: unknown, where none is."""
@@ -111,11 +115,6 @@ class RunSolution:
             return self.parameters
         errors = (plain(float(np.linalg.norm((deg_per_hr * of)[of > 0.0]))) for of in self.per_noise)
         return {name: replace(each, se=se) for (name, each), se in zip(self.parameters.items(), errors, strict=True)}
-
-    @property
-    def left_over(self) -> tuple[FloatArray, FloatArray] | None:
-        """What residuals say of noise that is not stated: `of_channels`; None where it is, or there are none."""
-        return None if self.per_noise is None else self.of_channels
 
     @property
     def causes(self) -> list[Judgement]:
@@ -152,26 +151,26 @@ def solve_campaign(campaign: Campaign, model_name: str | None = None, sensor: in
     for number, wrong in rows.items():
         solved = [*_solved(wrong.collects, model_name)]
         beside = _Beside.of(campaign, number, wrong, used[number])
-        left = [np.sum(each.of_channels[0] / beside.differ.larger_in(each.runs) ** 2) for each in solved]
-        among = _of_as_many([(float(of), each.degrees) for of, each in zip(left, solved, strict=True) if each.tells])
+        chi = [np.sum(each.of_channels[0] / beside.differ.larger_in(each.runs) ** 2) for each in solved]
+        among = _of_as_many([(float(of), each.degrees) for of, each in zip(chi, solved, strict=True) if each.tells])
         own = [_described(number, each, among, wrong.collects, beside) for each in solved]
         runs, layout = set(used[number].conditions.run.tolist()), used[number].conditions.sensor
         told = [each for each in own if not runs.isdisjoint(each.runs)]
-        noise, _ = noise_left([each.left_over for each in told], len(layout.channels))
+        left = beside.noise_of(told)
         times = float(beside.differ.times.max())
         between = BetweenRuns()
         if told and all(each.run is not None for each in told):
-            units, values, errors = told_by_runs(told, noise)
+            units, values, errors = told_by_runs(told, left.deg_per_hr)
             errors *= [[beside.differ.larger_in(each.runs).max()] for each in told]
             first = [each.runs[0] for each in told]
             between = between_runs(units, first, values, errors, used[number].conditions, wrong.another)
         contradicted = between.judged
         for each in own:  # by how well its collects tell it, too, of this noise where they state none, or far too much
-            told_by = each.by_noise(noise).items()
+            told_by = each.by_noise(left.deg_per_hr).items()
             own_errors = {n: (None if of.se is None else min(times, 1.0) * of.se, of.unit) for n, of in told_by}
             judged = measured_well_enough(own_errors, layout, campaign.largest_se)
             apart = [contradicted[run] for run in each.runs if run in contradicted]
-            found.append(replace(each, beside=(*each.beside, *apart, judged), between=between))
+            found.append(replace(each, beside=(*each.beside, *apart, judged), between=between, left=left))
     return sorted(found, key=lambda each: (each.runs[0], each.sensor))
 
 
@@ -271,13 +270,18 @@ def _of_as_many(telling: Sequence[tuple[float, int]]) -> int:
 
 @dataclass(frozen=True)
 class _Beside:
-    """What is known of runs beside their solutions: `lacking` have no standard error, `moving` runs had not settled."""
+    """What is known of runs beside their solutions: `lacking` have no standard error, `moving` runs had not settled.
+
+    What their runs differ by is in errors, or `unstated`.
+    """
 
     judged: Sequence[Mapping[int, Judgement]]
     not_compared: Mapping[int, tuple[str, ...]]
     moving: Set[int]
     lacking: Mapping[int, list[int]]
     differ: Changes
+    unstated: Squares
+    used: Collects
     campaign: Campaign
 
     @classmethod
@@ -292,9 +296,19 @@ class _Beside:
         left_out = "latitude_deg" in campaign.site and not campaign.rebuilt and not np.any(rows.conditions.w_deg_per_hr)
         earth = dict.fromkeys(rows.conditions.of_each_run if left_out else (), Judgement(Verdict.MARGINAL, NO_EARTH))
         judged = (campaign.verdicts, here, wrong.judged, soak, weight, earth)
-        known = stated_noise(used) is not None
-        sound = set(used.conditions.run.tolist()).difference(wrong.judged, soak) if known else set()
-        return cls(judged, wrong.not_compared, soak.keys(), lacking, changes(used, sound), campaign)
+        known, none = stated_noise(used) is not None, set[int]()
+        sound = set(used.conditions.run.tolist()).difference(wrong.judged, soak)
+        differ, left = changes(used, sound if known else none), unstated_changes(used, none if known else sound)
+        return cls(judged, wrong.not_compared, soak.keys(), lacking, differ, left, used, campaign)
+
+    def noise_of(self, own: Sequence[RunSolution]) -> Left:
+        """Return what tells the noise of these runs, where they state no errors: those that had settled, if any had."""
+        telling = [each for each in own if each.settled] or own  # what moved inside a run is no noise of others
+        alone = [(e.runs[0], np.array(e.of_channels)) for e in telling if e.per_noise is not None and e.of_channels]
+        groups = runs_by_temperature(self.used.conditions)
+        of_each = [(degC, [own for run, own in alone if run in runs]) for degC, runs in groups]
+        at = [(degC, *np.sum(of, axis=0)) for degC, of in of_each if of]
+        return noise_left(at, self.unstated, len(self.used.conditions.sensor.channels))
 
     def assumed(self, runs: Sequence[int]) -> Iterator[str]:
         """Yield what is assumed of runs: where nothing is there to compare them with, that each is what it says."""

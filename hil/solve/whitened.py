@@ -32,6 +32,7 @@ _LOUDER = 0.2  # probability that one temperature is noisier than rates tell by 
 _TIMES = (1.5, 2.2, 3.3, 5.0)  # as noisy as they tell
 _NOISIER = 1.5  # times: so much noisier one channel may seem than another by chance
 _OF_A_CHANNEL = 20.0  # degrees of freedom that tell its noise as well as is known before: that all are alike
+_OF_UNSTATED = 4.0  # likewise, of one that states no errors: channels of a unit are hardly known to be alike
 _APART = 1e-9  # of the square of the largest: directions that are none
 _REPEATED = 3  # collects in one place tell what it shows
 _TOLD = 1e-3  # of what a run's bias or MU shows: where others leave less, they tell nothing of it
@@ -144,7 +145,8 @@ class Whitened:
         left, freedom = np.abs(self._left), max(self.freedom, 0.0)
         size = np.array([_usual(left[:, c][self.known[:, c]]) for c in range(self.known.shape[1])])
         quietest = max(float(np.min(size[size > 0.0], initial=np.inf)), self._least)
-        return _noisier(size / quietest, np.full(len(size), freedom / len(size)))
+        known_before = _OF_A_CHANNEL if self.stated else _OF_UNSTATED
+        return _noisier(size / quietest, np.full(len(size), freedom / len(size)), known_before)
 
     def _noisier_temperature(self) -> FloatArray:
         """Return how many times noisier than is usual rates are at their temperature, (n, 1), likewise."""
@@ -209,9 +211,9 @@ def _usual(left: FloatArray) -> float:
     return float(np.quantile(left, SHARE)) if left.size else 0.0
 
 
-def _noisier(times: FloatArray, freedom: FloatArray) -> FloatArray:
+def _noisier(times: FloatArray, freedom: FloatArray, known_before: float = _OF_A_CHANNEL) -> FloatArray:
     """Return how many times noisier some rates are, (k,), as far as their degrees of freedom tell: 1 where hardly."""
-    level = np.maximum(times, 1.0) ** (freedom / (freedom + _OF_A_CHANNEL))
+    level = np.maximum(times, 1.0) ** (freedom / (freedom + known_before))
     return np.where(level > _NOISIER, level, 1.0)
 
 

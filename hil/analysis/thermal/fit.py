@@ -120,7 +120,7 @@ class SensorFit:
         as_zero: Sequence[str],
     ) -> None:
         number = collects.conditions.sensor.number
-        if not shown.stated and np.isfinite(shown.left_deg_per_hr).all():
+        if not shown.stated and np.isfinite(shown.left.deg_per_hr).all():
             collects = replace(collects, rates_se_deg_per_hr=shown.noise(collects.rates_se_deg_per_hr))
         of_errors = shown.spread.factor, shown.spread.residuals, shown.spread.common
         known = np.stack(np.broadcast_arrays(*of_errors), axis=1)

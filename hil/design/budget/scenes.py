@@ -8,7 +8,7 @@ solved for after a night, and else typical of such a sensor.
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -26,7 +26,6 @@ from hil.model import Model, fitting_conditions, load_model
 from hil.model.effects.base import Base
 from hil.model.effects.geometry import local_frame
 from hil.model.forms import LinearForm, default_form
-from hil.solve.beside_terms import beside_usual
 from hil.solve.precision import stated_noise
 from hil.solve.repeats import SensorRepeats
 from hil.solve.runs import solve_rates
@@ -105,21 +104,12 @@ def measured_scenes(
     `shown` is what repeats show. Runs that FAIL by their own records, which are in no mean, are left out.
     """
     used = treated(campaign).sensors
-    *_, assumed = beside_usual(campaign, shown, bench.uncertainties.of_collects)
-    return {
-        number: list(_measured_runs(rows, bench, shown.get(number), assumed.get(number), model))
-        for number, rows in used.items()
-    }
+    return {number: list(_measured_runs(rows, bench, shown.get(number), model)) for number, rows in used.items()}
 
 
 def _measured_runs(
-    collects: Collects,
-    bench: Bench,
-    shown: SensorRepeats | None,
-    assumed: Mapping[int, FloatArray] | None,
-    model: Model | None,
+    collects: Collects, bench: Bench, shown: SensorRepeats | None, model: Model | None
 ) -> Iterator[RunScene]:
-    """Yield the runs of a sensor; `assumed` by how much of each (c,) noise that nobody tells is larger than usual."""
     usual = f"angle_random_walk {bench.uncertainties.angle_random_walk:g} deg/√hr over the collect"
     measured = collects.rows(~np.all(np.isnan(collects.rates_deg_per_hr), axis=1))
     for run, here in measured.conditions.of_each_run.items():
@@ -129,11 +119,10 @@ def _measured_runs(
         stated = stated_noise(rows)
         sigma, noise_by = (bench.uncertainties.of_collects(conditions), usual) if stated is None else (stated, MEASURED)
         noisy: FloatArray | float = 1.0
-        if shown is not None and not shown.stated and np.all(shown.left_deg_per_hr > _EXACT):
-            sigma, noisy = np.ones(sigma.shape), shown.left_deg_per_hr  # all weigh alike
-            noise_by = "residuals of all runs; no errors are stated"
+        if shown is not None and not shown.stated and np.all(shown.left.deg_per_hr > _EXACT):
+            sigma, noisy = np.ones(sigma.shape), shown.left.deg_per_hr  # all weigh alike
+            noise_by = f"{shown.left.by} of all runs; no errors are stated"
         elif shown is not None:
-            shown = shown if assumed is None else replace(shown, noise_times=assumed[run])
             noisy, noise_by = shown.noise_times, shown.noise_by(noise_by)
         given = sources(bench.uncertainties, bench.name, *_slope(conditions), noise_by)
         given += stated_by(model, conditions, measured=True)

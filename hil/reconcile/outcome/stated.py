@@ -33,17 +33,17 @@ def with_ordinary(model: Model, noise: Sequence[Mapping[str, Any]], conditions: 
     """Return the model whose noise also states what is ordinary, and more than it and the standard errors explain.
 
     Each bias is drawn anew in every run, or in every collect, beside what is drawn already. Of a sensor without
-    standard errors what collects scatter by is its white noise.
+    standard errors what collects of its quietest channel scatter by is its white noise.
     """
-    sections = dict(model.noise)
-    for number, size, se in _white_by_residuals(noise):
+    sections, white = dict(model.noise), _white_unstated(noise)
+    for number, (size, se) in white.items():
         root_hr = float(np.sqrt(np.median(conditions[number].duration_s) / HOUR_S))
         walk = Constant(unit=_WHITE, value=root_hr * size, se=root_hr * se)
         sections[number] = sections.get(number, SensorNoise()).model_copy(update={"angle_random_walk": walk})
     for each in noise:
         own = conditions[each["sensor"]]
         name = bias_names(own.sensor)[list(own.sensor.channels).index(each["channel"])]
-        for key, size, se in beyond_chance(each):
+        for key, size, se in beyond_chance(each, *white.get(each["sensor"], ())):
             section = sections.get(each["sensor"], SensorNoise())
             stated = getattr(section, key)
             grown = _grown(stated.get(name), size, se, own)
@@ -51,13 +51,20 @@ def with_ordinary(model: Model, noise: Sequence[Mapping[str, Any]], conditions: 
     return model.model_copy(update={"noise": sections})
 
 
-def _white_by_residuals(noise: Sequence[Mapping[str, Any]]) -> Iterator[tuple[int, float, float]]:
-    """Yield what collects scatter by, and its error, deg/hr, of sensors without standard errors: rms of channels."""
+def _white_unstated(noise: Sequence[Mapping[str, Any]]) -> dict[int, tuple[float, float]]:
+    """Return what collects scatter by, and its error, deg/hr, in the quietest channel of sensors that state no errors.
+
+    Or in all of them, rms, where none differs from it beyond chance.
+    """
+    out = {}
     for number in sorted({each["sensor"] for each in noise if each["stated_deg_per_hr"] is None}):
         own = [each for each in noise if each["sensor"] == number]
-        sizes, errors = ([each[f"collect_to_collect_{of}deg_per_hr"] for each in own] for of in ("", "se_"))
-        if None not in (*sizes, *errors):
-            yield number, *(float(np.sqrt(np.mean(np.square(of)))) for of in (sizes, errors))
+        told = [[each[f"collect_to_collect_{of}deg_per_hr"] for of in ("", "se_")] for each in own]
+        if not any(None in of for of in told):
+            quietest, alike = min(told), np.sqrt(np.mean(np.square(told), axis=0)).tolist()
+            differ = any(_beside_white(*each, *quietest)[1] is not None for each in told)
+            out[number] = tuple(quietest if differ else alike)
+    return out
 
 
 def wanders(
@@ -134,16 +141,26 @@ def with_white_noise(
     return model.model_copy(update={"noise": sections})
 
 
-def beyond_chance(channel: Mapping[str, Any]) -> Iterator[tuple[str, float, float]]:
+def beyond_chance(
+    channel: Mapping[str, Any], white: float | None = None, white_se: float = 0.0
+) -> Iterator[tuple[str, float, float]]:
     """Yield what a channel scatters by that no model stated: the key of a noise section, the size and its error.
 
-    What collects scatter by is that only beyond standard errors; of rates without any it is their white noise.
+    What collects scatter by is that only beyond standard errors; of rates without any beyond `white` noise, deg/hr.
     """
-    collects = [("collect_to_collect", "collect_to_collect")] * (channel["stated_deg_per_hr"] is not None)
-    for key, called in (("run_to_run", "run_offset"), *collects):
+    for key, called in (("run_to_run", "run_offset"), ("collect_to_collect", "collect_to_collect")):
         size, se = channel[f"{called}_deg_per_hr"], channel[f"{called}_se_deg_per_hr"]
+        if key == "collect_to_collect" and channel["stated_deg_per_hr"] is None and size:
+            size, se = _beside_white(size, se or 0.0, white, white_se) if white else (0.0, None)
         if se is not None and size > se:
             yield key, size, se
+
+
+def _beside_white(size: float, se: float, white: float, white_se: float) -> tuple[float, float | None]:
+    """Return what collects scatter by beyond white noise, and its error, deg/hr each; None where chance explains it."""
+    squares, error = size**2 - white**2, 2.0 * float(np.hypot(size * se, white * white_se))
+    more = float(np.sqrt(max(squares, 0.0)))
+    return more, 0.5 * error / more if squares > error > 0.0 else None
 
 
 def not_repeated(noise: Iterable[Mapping[str, Any]], shown: Mapping[int, SensorRepeats], model: Model) -> str:
@@ -223,19 +240,21 @@ def _times(channel: Mapping[str, Any]) -> float:
 
 def stated_in_words(noise: Sequence[Mapping[str, Any]], wanders: Mapping[int, Wander]) -> list[str]:
     """Say in a sentence what the improved model's noise states beyond that of the model that was read."""
+    unstated = _white_unstated(noise)
     more = "; ".join(
         f"sensor {each['sensor']}, {each['channel']}: {rounded(size, se)} deg/hr from {key.replace('_', ' ')}"
         for each in noise
-        for key, size, se in beyond_chance(each)
+        for key, size, se in beyond_chance(each, *unstated.get(each["sensor"], ()))
     )
     errors = "the standard errors and " * any(each["stated_deg_per_hr"] is not None for each in noise)
+    errors += "white noise and " * bool(unstated)
     about = " and ".join(dict.fromkeys(each["under"] for each in noise))
     said = f"the noise of model.yaml states what averages scatter by beyond {errors}{about}"
     inside = [f"{each}, which model.yaml states" for each in flicker_in_words(wanders)]
     white = [
-        f"sensor {number}: no standard errors are stated; the white noise of model.yaml is what residuals show, "
+        f"sensor {number}: no standard errors are stated; the white noise of model.yaml is what collects scatter by, "
         f"{rounded(size, se)} deg/hr in a collect"
-        for number, size, se in _white_by_residuals(noise)
+        for number, (size, se) in unstated.items()
     ]
     return [*([f"{said}: {more}"] if more else []), *white, *inside]
 

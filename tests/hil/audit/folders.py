@@ -111,12 +111,13 @@ def _one_huge() -> Campaign:
     return replace(one, sensors={2: replace(one.sensors[2], rates_se_deg_per_hr=errors)})
 
 
-def _no_errors() -> Campaign:
-    """Collects 1-2-3-2-1: residuals say what noise is, and in channel B more than in A."""
-    one = repeated(9, 3, (0, 1, 2, 1, 0), seed=63)
-    noise = np.random.default_rng(9).normal(0.0, 3.0, (45, 1)) * [[0.0, 1.0]]
+def _no_errors(positions: tuple[int, ...] = (0, 1, 2, 1, 0)) -> Campaign:
+    """Residuals of collects 1-2-3-2-1 say what noise is, or of 1-2-3 what runs differ by; in B it is more than in A."""
+    one = repeated(9, 3, positions, seed=63)
+    count = 9 * len(positions)
+    noise = np.random.default_rng(9).normal(0.0, 3.0, (count, 1)) * [[0.0, 1.0]]
     one = with_rates(one, one.sensors[2].rates_deg_per_hr + noise)
-    return replace(one, sensors={2: replace(one.sensors[2], rates_se_deg_per_hr=np.full((45, 2), np.nan))})
+    return replace(one, sensors={2: replace(one.sensors[2], rates_se_deg_per_hr=np.full((count, 2), np.nan))})
 
 
 def _chamber_alone() -> Campaign:
@@ -307,6 +308,7 @@ FOLDERS: dict[str, Callable[[], Campaign]] = {
     "gaps": _gaps,
     "one standard error huge": _one_huge,
     "no standard errors": _no_errors,
+    "no standard errors, three collects": lambda: _no_errors((0, 1, 2)),
     "the chamber's temperature alone, one channel without standard errors": _chamber_alone,
     "contradicted": _contradicted,
     "clipped": _clipped,

@@ -121,11 +121,15 @@ def _run_to_run(of_sensor: Mapping[str, Any], where: str) -> Answer:
 
 
 def _noise_assumed(document: dict[str, Any]) -> Answer:
-    told = {s["sensor"] for s in document["solutions"] if s["degrees_of_freedom"]}
+    shown = document["repeats"]
+    return {n: of.get("noise_deg_per_hr") == {} for n, of in shown.items() if of["run_to_run"]}
+
+
+def _unstated_noise(document: dict[str, Any]) -> Answer:
     return {
-        str(s["sensor"]): UNSTATED in s["assumed"] and s["sensor"] not in told
-        for s in document["solutions"]
-        if document["repeats"][str(s["sensor"])]["run_to_run"]
+        (n, channel): noise
+        for n, of in document["repeats"].items()
+        for channel, noise in of.get("noise_deg_per_hr", {}).items()
     }
 
 
@@ -136,7 +140,8 @@ def _by_chance(document: dict[str, Any]) -> Answer:
     """
     found = {}
     for of in document["noise"]:
-        more = of["scatter"] or of["collect_to_collect_se_deg_per_hr"]
+        sure = of["explained_deg_per_hr"] is not None and of["collect_to_collect_se_deg_per_hr"]
+        more = of["scatter"] or sure
         smooth = any(f"sensor {of['sensor']}: " in each and "smooth model" in each for each in document["sentences"])
         if not (document["rows"] or more or smooth or "+" in of["under"] or of["observed_deg_per_hr"] is None):
             collects = of["explained_deg_per_hr"] or 0.0, of["collect_to_collect_deg_per_hr"]
@@ -258,6 +263,7 @@ ANSWERS: dict[str, dict[str, Callable[[dict[str, Any]], Answer]]] = {
             for n, of in document["sensors"].items()
             for channel, size in of["noise"]["channels_deg_per_hr"].items()
         },
+        "solve, where nobody stated it": _unstated_noise,
         "scatter": _by_chance,
     },
     "what is said of standard errors": {

@@ -335,4 +335,4 @@ def test_noise_that_nobody_tells_is_what_repeats_show_in_a_budget_as_in_a_map(mo
     budget = budget_document(scenes, "t", Asked(draws=100), observed=shown)["sensors"]["2"]
     assert budget["noise_deg_per_hr"] == pytest.approx(np.sqrt(np.mean(np.square(of_collects))), rel=0.01)
     assert budget["noise_deg_per_hr"] == pytest.approx(np.hypot(0.7, more), rel=0.35)
-    assert "times what residuals and repeats show" in budget["sources"][0]["origin"]
+    assert budget["sources"][0]["origin"].startswith("differences beside bias and MU of all runs")

@@ -194,7 +194,7 @@ def test_the_worst_run_is_the_one_that_solve_knows_worst() -> None:
     document = budget_document(measured_scenes(made, load_bench("simulated"), shown), "t", asked, observed=shown)
     sensor = document["sensors"]["2"]
     assert sensor["run"] == worst == 3
-    assert sensor["noise_deg_per_hr"] == pytest.approx(shown[2].left_deg_per_hr)
+    assert sensor["noise_deg_per_hr"] == pytest.approx(float(np.sqrt(np.mean(shown[2].left.deg_per_hr ** 2))))
     assert sensor["sources"][0]["origin"].startswith("residuals of all runs")
 
 

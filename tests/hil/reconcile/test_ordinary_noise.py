@@ -276,7 +276,7 @@ def test_of_rates_without_errors_what_collects_scatter_by_is_the_white_noise_of_
     one = campaign_of(rows, base_rates(rows, thermal=False) + noise(rows, rng, run_bias=0.0), stated=None)
     result = reconcile(one, "matrix-6", prove=False)
     known = result.model_after
-    assert [note for note in result.notes if "the white noise of model.yaml is what residuals show" in note]
+    assert [note for note in result.notes if "the white noise of model.yaml is what collects scatter by" in note]
     assert not known.noise[2].collect_to_collect
     errors = beside(one, known).sensors[2].rates_se_deg_per_hr
     assert np.allclose(errors, errors[0, 0])

@@ -203,6 +203,10 @@ def test_what_changes_from_collect_to_collect_is_in_a_runs_errors(tmp_path: Path
         sweep_document(load_sweep("recommended"), load_bench("simulated"), model(tmp_path, f"noise: {{2: {of}}}\n"))
         for of in ("{}", f"{{collect_to_collect: {{{both}}}}}")
     ]
+    # Also of three collects, of which values of a run take all.
+    three = replace(one, sensors={2: one.sensors[2].rows(np.isin(np.arange(8) % 4, (0, 1, 2)))})
+    np.testing.assert_allclose(beside(three, loud).sensors[2].rates_se_deg_per_hr[:, 0], np.hypot(0.7, 5.0), rtol=1e-6)
+    assert beside(three, loud).run_scatter[2]["BA"] == pytest.approx(10.0)
     quiet, noisy = (each["sensors"]["2"]["noise"]["collect_deg_per_hr"] for each in planned)  # type: ignore[index]
     assert noisy == pytest.approx(np.hypot(quiet, 5.0), rel=1e-3)
 

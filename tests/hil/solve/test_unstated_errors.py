@@ -10,16 +10,23 @@ import pytest
 from hil.campaign import Campaign, Collects
 from hil.solve import repeats, solve_campaign
 from hil.solve.beside_terms import beside_usual
+from hil.solve.wrong_rows import wrong_rows
 from tests.hil.analysis.thermal.nights import triad_night
 from tests.hil.solve.runs_of_a_unit import campaign as runs_at_their_temperatures
 from tests.hil.solve.runs_of_a_unit import repeated, with_rates
 
 
-def without_errors(seed: int, runs: int, noise: float | tuple[float, float], scatter: float) -> Campaign:
+def without_errors(
+    seed: int,
+    runs: int,
+    noise: float | tuple[float, float],
+    scatter: float,
+    positions: tuple[int, ...] = (0, 1, 2, 0),
+) -> Campaign:
     """Return runs of positions 1-2-3-1, three at a temperature, of a unit that does not follow it, without errors."""
-    rows, rng = repeated(runs, 3, (0, 1, 2, 0)).sensors[2], np.random.default_rng(seed)
+    rows, rng = repeated(runs, 3, positions).sensors[2], np.random.default_rng(seed)
     k = np.array([[58.0, -20.0, 5.0], [20.0, 58.0, 9.0]])
-    own = np.repeat(rng.normal(0.0, scatter, (runs, 2)), 4, axis=0)
+    own = np.repeat(rng.normal(0.0, scatter, (runs, 2)), len(positions), axis=0)
     rates = rows.conditions.f_g @ k.T + rows.conditions.w_channels_deg_per_hr + own + rng.normal(0.0, noise, own.shape)
     return Campaign("bare", "", {2: Collects(rows.conditions, rates, np.full(rates.shape, np.nan))})
 
@@ -51,7 +58,8 @@ def test_of_rates_without_standard_errors_it_is_said_what_tells_their_noise(
     )
     made = Campaign("t", "", {2: rows})
     said, *_ = repeats(made, solve_campaign(made))[2].sentences()
-    assert said.startswith("repeats scatter as their residuals say" if told else "repeats scatter and have neither")
+    by = "residuals" if told else "differences beside bias and MU"
+    assert said.startswith(f"repeats scatter as their {by} say")
     assert "standard errors say" not in said
 
 
@@ -92,14 +100,18 @@ def test_one_run_whose_noise_its_residuals_tell_has_an_interval_of_students() ->
     assert np.mean(np.array(freedom) == 2.0) > 0.95  # of the others chance makes two noises
 
 
-def test_channels_without_errors_of_which_one_is_noisier_than_chance_makes_it_have_each_its_own_noise() -> None:
-    """Of both together a value of the quiet one had an error as large as the noisy one's."""
-    alike, apart = without_errors(1, 12, 1.0, 0.0), without_errors(1, 12, (0.3, 3.0), 0.0)
-    noise = repeats(alike, solve_campaign(alike))[2].left_deg_per_hr
-    assert noise[0] == noise[1] == pytest.approx(1.0, rel=0.3)
-    shown = repeats(apart, solve_campaign(apart))[2]
-    assert shown.left_deg_per_hr == pytest.approx([0.3, 3.0], rel=0.4)
-    assert shown.of_each[1]["BB"] > 4.0 * shown.of_each[1]["BA"]
+@pytest.mark.parametrize("positions", [(0, 1, 2), (0, 1, 2, 0)])
+def test_channels_without_errors_have_each_its_own_noise(positions: tuple[int, ...]) -> None:
+    """By residuals or by what runs differ by: of both together a value of the quiet one was known as the noisy one's.
+
+    Where few degrees of freedom tell that of each, all together do.
+    """
+    for runs, noise in ((12, (0.3, 3.0)), (12, (1.0, 1.0)), (2, (1.0, 1.0))):
+        made = without_errors(1, runs, noise, 0.0, positions)
+        shown = repeats(made, solve_campaign(made))[2]
+        assert runs == 2 or shown.left.deg_per_hr == pytest.approx(noise, rel=0.4)
+        assert (shown.left.deg_per_hr[0] == shown.left.deg_per_hr[1]) == (runs == 2)
+        assert (shown.of_each[1]["BB"] > 4.0 * shown.of_each[1]["BA"]) == (noise[1] == 3.0)
 
 
 def test_of_rates_without_errors_each_run_is_known_by_the_residuals_of_all() -> None:
@@ -136,22 +148,30 @@ def test_where_nobody_knows_the_temperature_what_gs_differs_by_is_no_noise(recor
 @pytest.mark.parametrize(
     ("seeds", "low", "high"), [(8, 0.9, 0.99), pytest.param(100, 0.93, 0.97, marks=pytest.mark.slow)]
 )
-@pytest.mark.parametrize(("scatter", "noise"), [(0.0, 1.0), (2.0, 1.0), (0.0, (0.3, 3.0))])
+@pytest.mark.parametrize(
+    ("scatter", "noise", "positions"),
+    [(0.0, 1.0, (0, 1, 2, 0)), (2.0, 1.0, (0, 1, 2, 0)), (0.0, (0.3, 3.0), (0, 1, 2, 0)), (2.0, (0.3, 3.0), (0, 1, 2))],
+)
 def test_intervals_of_means_of_rates_without_errors_hold_the_units_model(
-    scatter: float, noise: float | tuple[float, float], seeds: int, low: float, high: float
+    scatter: float,
+    noise: float | tuple[float, float],
+    positions: tuple[int, ...],
+    seeds: int,
+    low: float,
+    high: float,
 ) -> None:
     """Three runs at each of four temperatures: of means weighed by each run's own two residuals 85 % did."""
     truth = {"BA": 0.0, "BB": 0.0, "GSA": 58.0, "GSB": -20.0, "MUA": -9.0, "MUB": 5.0}
     inside = []
     for seed in range(seeds):
-        made = without_errors(seed, 12, noise, scatter)
+        made = without_errors(seed, 12, noise, scatter, positions)
         for mean in repeats(made, solve_campaign(made))[2].means:
             inside += [abs(of.value - truth[name]) <= of.half_width for name, of in mean.values.items()]
     assert low <= np.mean(inside) <= high
 
 
-def test_noise_that_only_repeats_tell_is_larger_where_it_is_larger() -> None:
-    """Four poses leave a triad no residuals: at 1.2 in the cold and .3 elsewhere the usual .93 had stood at both."""
+def test_noise_that_only_repeats_tell_is_said_to_be_larger_where_it_is() -> None:
+    """Four poses leave a triad no residuals: at 1.2 in the cold and .3 elsewhere the usual .93 had stood, unsaid."""
     rng = np.random.default_rng(5)
     rows = triad_night(rng, {}).sensors[1].rows(np.arange(96) % 6 < 4)
     cold = rows.conditions.run <= 8
@@ -160,5 +180,33 @@ def test_noise_that_only_repeats_tell_is_larger_where_it_is_larger() -> None:
     rates = noise * rng.normal(size=rows.rates_deg_per_hr.shape)
     made = Campaign("bare", "", {1: Collects(conditions, rates, np.full(rates.shape, np.nan))})
     shown = repeats(made, solve_campaign(made))
-    campaign, *_ = beside_usual(made, shown, lambda of: np.full(of.w_channels_deg_per_hr.shape, 0.93))
-    np.testing.assert_allclose(campaign.sensors[1].rates_se_deg_per_hr / noise, 1.0, rtol=0.4)
+    assert shown[1].left.deg_per_hr == pytest.approx(np.sqrt(np.mean(noise**2)), rel=0.4)
+    (said,) = (each for each in shown[1].sentences() if "as large at -20.0 °C as at 40.0 °C" in each)
+    assert said.startswith("differences beside bias and MU are ")
+    *_, assumed = beside_usual(made, shown, lambda of: np.full(of.w_channels_deg_per_hr.shape, 0.93))
+    assert not assumed
+
+
+@pytest.mark.parametrize(("runs", "assumed"), [(1, True), (2, False)])
+def test_noise_is_assumed_only_where_nothing_tells_it(runs: int, assumed: bool) -> None:
+    """One run of three collects leaves nothing, and repeats nothing: a map of it takes the usual noise."""
+    made = without_errors(3, runs, 1.0, 0.0, (0, 1, 2))
+    shown = repeats(made, solve_campaign(made))
+    laid, _, told = beside_usual(made, shown, lambda of: np.full(of.w_channels_deg_per_hr.shape, 0.93))
+    assert (2 in told) is assumed
+    assert np.all(laid.sensors[2].rates_se_deg_per_hr == 0.93) == assumed
+
+
+@pytest.mark.parametrize(("channel", "off"), [(0, 0.0), (0, 15.0), (1, 15.0)])
+def test_a_channel_without_errors_that_is_noisier_accuses_nothing_and_hides_nothing(channel: int, off: float) -> None:
+    """All were taken to be as noisy: of the noisy channel good rates were left out, of the quiet one wrong ones not."""
+    right, others = 0, 0
+    for seed in range(6):
+        made = without_errors(seed, 18, (0.3, 3.0), 0.5, (0, 1, 2))
+        rates = made.sensors[2].rates_deg_per_hr.copy()
+        rates[13, channel] += off * (0.3, 3.0)[channel]
+        left_out = [row for row in wrong_rows(with_rates(made, rates))[2].rows if row.done == "left out"]
+        right += any(14 in row.collects for row in left_out)
+        others += any(14 not in row.collects for row in left_out)
+    assert right == 0 if not off else right >= 5
+    assert others == 0
