@@ -11,43 +11,37 @@ what its records contradict (`Campaign.verdicts`, `contradicted`), of what the o
 whether the standard errors are small enough to say anything (`hil.solve.precision`).
 """
 
-from collections.abc import Iterator, Mapping, Sequence, Set
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Self
 
 import numpy as np
 
-from hil.campaign import Campaign, Collects, Conditions, FloatArray
+from hil.campaign import Campaign, Collects, FloatArray
 from hil.campaign.plausibility import accelerations_g
-from hil.campaign.warnings import NO_EARTH, off_gravity, off_in_words
 from hil.errors import InputError
 from hil.files.document import plain
 from hil.model.forms import LinearForm, default_form, named_form
+from hil.solve.beside_runs import BesideRuns
 from hil.solve.between_runs import BetweenRuns, between_runs
 from hil.solve.contractor import METHOD, can_follow, solve_as_contractor
 from hil.solve.identifiability import orthonormal
 from hil.solve.least_squares import Solution, solve
-from hil.solve.omissions import not_settled
-from hil.solve.precision import measured_well_enough, stated_noise, unstated
+from hil.solve.precision import measured_well_enough, stated_noise
 from hil.solve.residuals import (
     LACKS,
     MOVED,
     Changes,
     Left,
-    Squares,
     beyond_errors,
-    changes,
     judge,
     noise_left,
-    unstated_changes,
     what_lacks,
     wider_in_words,
 )
 from hil.solve.temperatures import law_not_told, runs_by_temperature
-from hil.solve.wrong_rows import WrongRows, treated, wrong_rows
+from hil.solve.wrong_rows import treated, wrong_rows
 from procedures.verdict import Judgement, Verdict
-from procedures.words import listed, numbered
 
 OBSERVABLE = 1e-3
 """A combination counts as seen where the collects excite it by more than a thousandth of what they excite best.
@@ -150,13 +144,13 @@ def solve_campaign(campaign: Campaign, model_name: str | None = None, sensor: in
     found, rows = [], every if sensor is None else {sensor: every[sensor]}
     for number, wrong in rows.items():
         solved = [*_solved(wrong.collects, model_name)]
-        beside = _Beside.of(campaign, number, wrong, used[number])
+        beside = BesideRuns.of(campaign, number, wrong, used[number])
         chi = [np.sum(each.of_channels[0] / beside.differ.larger_in(each.runs) ** 2) for each in solved]
         among = _of_as_many([(float(of), each.degrees) for of, each in zip(chi, solved, strict=True) if each.tells])
         own = [_described(number, each, among, wrong.collects, beside) for each in solved]
         runs, layout = set(used[number].conditions.run.tolist()), used[number].conditions.sensor
         told = [each for each in own if not runs.isdisjoint(each.runs)]
-        left = beside.noise_of(told)
+        left = _noise_of(told, beside)
         times = float(beside.differ.times.max())
         between = BetweenRuns()
         if told and all(each.run is not None for each in told):
@@ -170,8 +164,20 @@ def solve_campaign(campaign: Campaign, model_name: str | None = None, sensor: in
             own_errors = {n: (None if of.se is None else min(times, 1.0) * of.se, of.unit) for n, of in told_by}
             judged = measured_well_enough(own_errors, layout, campaign.largest_se)
             apart = [contradicted[run] for run in each.runs if run in contradicted]
-            found.append(replace(each, beside=(*each.beside, *apart, judged), between=between, left=left))
+            assumed = (*each.assumed, *beside.assumed(each.runs, compared=bool(apart)))
+            of_run = replace(each, beside=(*each.beside, *apart, judged), assumed=assumed)
+            found.append(replace(of_run, between=between, left=left))
     return sorted(found, key=lambda each: (each.runs[0], each.sensor))
+
+
+def _noise_of(own: Sequence[RunSolution], beside: BesideRuns) -> Left:
+    """Return what tells the noise of these runs, where they state no errors: those that had settled, if any had."""
+    telling = [each for each in own if each.settled] or own  # what moved inside a run is no noise of others
+    alone = [(e.runs[0], np.array(e.of_channels)) for e in telling if e.per_noise is not None and e.of_channels]
+    groups = runs_by_temperature(beside.used.conditions)
+    of_each = [(degC, [own for run, own in alone if run in runs]) for degC, runs in groups]
+    at = [(degC, *np.sum(of, axis=0)) for degC, of in of_each if of]
+    return noise_left(at, beside.unstated, len(beside.used.conditions.sensor.channels))
 
 
 def told_by_runs(own: Sequence[RunSolution], noise: FloatArray) -> tuple[dict[str, str], FloatArray, FloatArray]:
@@ -268,74 +274,7 @@ def _of_as_many(telling: Sequence[tuple[float, int]]) -> int:
     return among if altogether.verdict is Verdict.PASS else 1
 
 
-@dataclass(frozen=True)
-class _Beside:
-    """What is known of runs beside their solutions: `lacking` have no standard error, `moving` runs had not settled.
-
-    What their runs differ by is in errors, or `unstated`.
-    """
-
-    judged: Sequence[Mapping[int, Judgement]]
-    not_compared: Mapping[int, tuple[str, ...]]
-    moving: Set[int]
-    lacking: Mapping[int, list[int]]
-    differ: Changes
-    unstated: Squares
-    used: Collects
-    campaign: Campaign
-
-    @classmethod
-    def of(cls, campaign: Campaign, sensor: int, wrong: WrongRows, used: Collects) -> Self:
-        """Gather it from a campaign, from what its rows say of each other, and from those that are `used`."""
-        rows = campaign.sensors[sensor]
-        here = {run: of for (run, number), of in campaign.contradicted.items() if number == sensor}
-        soak = {run: Judgement(Verdict.MARGINAL, of) for run, of in not_settled(campaign)[sensor].items()}
-        weight = {} if campaign.centrifuge else _off_gravity(rows.conditions)
-        lacks, collect = np.asarray(unstated(rows).any(axis=1)), rows.conditions.collect
-        lacking = {run: collect[of[lacks[of]]].tolist() for run, of in rows.conditions.of_each_run.items()}
-        left_out = "latitude_deg" in campaign.site and not campaign.rebuilt and not np.any(rows.conditions.w_deg_per_hr)
-        earth = dict.fromkeys(rows.conditions.of_each_run if left_out else (), Judgement(Verdict.MARGINAL, NO_EARTH))
-        judged = (campaign.verdicts, here, wrong.judged, soak, weight, earth)
-        known, none = stated_noise(used) is not None, set[int]()
-        sound = set(used.conditions.run.tolist()).difference(wrong.judged, soak)
-        differ, left = changes(used, sound if known else none), unstated_changes(used, none if known else sound)
-        return cls(judged, wrong.not_compared, soak.keys(), lacking, differ, left, used, campaign)
-
-    def noise_of(self, own: Sequence[RunSolution]) -> Left:
-        """Return what tells the noise of these runs, where they state no errors: those that had settled, if any had."""
-        telling = [each for each in own if each.settled] or own  # what moved inside a run is no noise of others
-        alone = [(e.runs[0], np.array(e.of_channels)) for e in telling if e.per_noise is not None and e.of_channels]
-        groups = runs_by_temperature(self.used.conditions)
-        of_each = [(degC, [own for run, own in alone if run in runs]) for degC, runs in groups]
-        at = [(degC, *np.sum(of, axis=0)) for degC, of in of_each if of]
-        return noise_left(at, self.unstated, len(self.used.conditions.sensor.channels))
-
-    def assumed(self, runs: Sequence[int]) -> Iterator[str]:
-        """Yield what is assumed of runs: where nothing is there to compare them with, that each is what it says."""
-        if there := [self.not_compared[run] for run in runs if run in self.not_compared]:
-            alike = numbered("run", sorted(run for run, of in self.not_compared.items() if of == there[0]))
-            yield (
-                f"{f'{listed(there[0])} of {alike}' if there[0] else alike} cannot be compared with others (it takes "
-                "runs that repeat others, three of them at a temperature, or four temperatures): that each collect is "
-                "what it says, where no residual tells otherwise"
-            )
-        if lacking := [collect for run in runs for collect in self.lacking.get(run, ())]:
-            largest = "not all standard errors are stated: the largest of the others stands for the rest"
-            yield f"{numbered('collect', lacking)}: {largest}"
-
-
-def _off_gravity(conditions: Conditions) -> dict[int, Judgement]:
-    """Return the runs with a collect in which f is not what a unit at rest feels: nobody knows what is per g there."""
-    off, found = off_gravity(conditions), {}
-    for run, rows in conditions.of_each_run.items():
-        if len(own := rows[off[rows]]):
-            which = "" if len(own) == len(rows) else f"{numbered('collect', conditions.collect[own].tolist())}: "
-            words = f"{which}{off_in_words(conditions.rows(own))}: f is wrong, and every parameter per g with it"
-            found[run] = Judgement(Verdict.INCONCLUSIVE, words)
-    return found
-
-
-def _described(sensor: int, solved: _Solved, among: int, every: Collects, beside: _Beside) -> RunSolution:
+def _described(sensor: int, solved: _Solved, among: int, every: Collects, beside: BesideRuns) -> RunSolution:
     """Return the solution with the worst of verdicts: of solving, of how it was measured, of what stands `beside`."""
     form, collects, solution = solved.form, solved.collects, solved.solution
     conditions, noise_stated = collects.conditions, solved.sigma is not None
@@ -370,7 +309,7 @@ def _described(sensor: int, solved: _Solved, among: int, every: Collects, beside
         unobservable=unobservable,
         judged=judged,
         form_reason=f"the contractor's solution: {METHOD}" if solved.as_contractor else form.reason,
-        assumed=(*_assumptions(told, collects, noise_stated, beside.campaign.rebuilt), *beside.assumed(runs)),
+        assumed=_assumptions(told, collects, noise_stated, beside.campaign.rebuilt),
         beside=tuple(of[run] for run in runs for of in beside.judged if run in of),
         chi_square=float(solution.chi_square) if solved.tells else None,
         of_channels=solved.of_channels if solved.degrees else None,
