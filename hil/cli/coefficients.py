@@ -178,6 +178,8 @@ def design(
     from hil.design.sequence.proposal import design_document, write_sweep
     from hil.design.sequence.search import Goal, parse_target, propose
 
+    if Path(sweep).is_dir():
+        raise InputError(f"{sweep}: a folder is no sweep; what a unit scatters by there is --scatter {sweep}")
     base, its_bench = load_sweep(sweep), load_bench(bench)
     if out is not None:
         check_new(out)

@@ -42,6 +42,7 @@ _LARGEST_NOISE = 1e9  # deg/hr: an average with more is none
 
 _NOT_LYING = "how the sensor lay is not known (name its bench with --bench)"
 _NO_NORTH = "the earth rate that is given (w) tells no north, so that nobody knows how wrong it is"
+_NOT_GIVEN = "no earth rate is given (w is 0): what there is of it stands in the parameters, and in no ±"
 _SLOPE = "dTdt_degC_per_min"
 _UNIFORM = 1.0 / np.sqrt(3.0)  # standard deviation of what may be anything within ±1
 
@@ -129,8 +130,9 @@ def _measured_runs(
         base, origin = _base(conditions, model) if model is not None else _solved(rows, form)
         axes = _axes(conditions, bench)
         north = bool(np.any(local_frame(conditions).north))
+        no_north = _NO_NORTH if np.any(conditions.w_deg_per_hr) else _NOT_GIVEN
         why_not = {
-            each: _NO_NORTH if each.needs_north and not north else _NOT_LYING * (each.needs_axes and axes is None)
+            each: no_north if each.needs_north and not north else _NOT_LYING * (each.needs_axes and axes is None)
             for each in given
         }
         usable = tuple(each for each, why in why_not.items() if not why)

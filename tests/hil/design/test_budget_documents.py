@@ -223,15 +223,20 @@ def test_a_campaign_of_another_bench_takes_its_axes_from_gravity_and_earth_rate(
 def test_an_error_of_an_earth_rate_that_is_not_given_is_not_known(campaign: Campaign) -> None:
     """With w of 0, all of the earth rate is in the parameters: an error by heading or latitude of 0 was a promise."""
     rows = campaign.sensors[2]
-    nothing = replace(rows, conditions=replace(rows.conditions, w_deg_per_hr=np.zeros_like(rows.conditions.f_g)))
-    scenes = measured_scenes(replace(campaign, sensors={2: nothing}), load_bench("simulated"), {})
-    known = budget_document(scenes, "t", FEW)["sensors"]["2"]
-    assert {"heading", "latitude", "earth_rate"}.isdisjoint(each["id"] for each in known["sources"])
-    assert {"tilt", "index"} <= {each["id"] for each in known["sources"]}
-    assert [*known["why_left_out"]] == known["left_out"]
-    assert {title.partition(",")[0]: why for title, why in known["why_left_out"].items()} == {
-        "earth rate": "the earth rate that is given (w) tells no north, so that nobody knows how wrong it is"
-    }
+    for vertical, told in (
+        (0.0, "no earth rate is given (w is 0): "),
+        (11.7, "the earth rate that is given (w) tells "),
+    ):
+        w = vertical * rows.conditions.f_g
+        nothing = replace(rows, conditions=replace(rows.conditions, w_deg_per_hr=w))
+        scenes = measured_scenes(replace(campaign, sensors={2: nothing}), load_bench("simulated"), {})
+        known = budget_document(scenes, "t", FEW)["sensors"]["2"]
+        assert {"heading", "latitude", "earth_rate"}.isdisjoint(each["id"] for each in known["sources"])
+        assert {"tilt", "index"} <= {each["id"] for each in known["sources"]}
+        assert [*known["why_left_out"]] == known["left_out"]
+        ((title, why),) = {t.partition(",")[0]: why for t, why in known["why_left_out"].items()}.items()
+        assert title == "earth rate"
+        assert why.startswith(told)
 
 
 def test_the_soak_is_as_the_thermometer_shows_where_no_slope_was_recorded(campaign: Campaign) -> None:

@@ -362,6 +362,12 @@ def test_the_sweep_that_is_written_is_accepted_by_the_plan(tmp_path: Path, capsy
     assert "proposed: " in capsys.readouterr().out
 
 
+def test_a_folder_in_the_place_of_a_sweep_is_told_its_own(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A technician who has a night asks with it, as every other command is asked."""
+    assert run(["design", str(tmp_path)]) == 2
+    assert f"a folder is no sweep; what a unit scatters by there is --scatter {tmp_path}" in capsys.readouterr().err
+
+
 @pytest.mark.slow
 def test_a_folder_without_repeats_says_nothing_of_scatter(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Refused, where zero would be taken; one with repeats is taken."""
