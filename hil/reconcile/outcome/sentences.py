@@ -118,9 +118,9 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
         tells = f": {AGAIN} tells it from what changes by the run" * alone
         first.append(f"what probably follows temperature, and is not in the model (notes){tells}")
     elif likely and result.solved.temperatures:
-        few = too_few(result.solved.temperatures)
-        act += " The model's values follow temperature." * result.calibrated
-        tells = f"these cannot tell ({few})" if few else "hil thermal says"
+        once = all(each.visited_once for each in result.solved.shown.values())
+        act += f" The model's values follow temperature{', or time: each was gone to once' * once}." * result.calibrated
+        tells = f"these cannot tell ({few})" if (few := too_few(result.solved.temperatures)) else "hil thermal says"
         act += f" The model holds at temperatures that were measured: how far off it may be at others, {tells}."
     if apart:
         p_values = {part: 1.0 if p is None else p for part, p in after["parts"].items()}
