@@ -158,14 +158,12 @@ def improved(
 def left_by(
     sensor: SensorProblem, terms: Sequence[tuple[Candidate, Values]]
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the base's columns (n, c, p), what its terms leave of the rates, and what they make, (n, c) each."""
-    collects = sensor.collects
-    columns = np.concatenate([sensor.form.columns(collects.conditions), sensor.term_columns], axis=2)
-    made = np.zeros_like(collects.rates_deg_per_hr)
+    """Return the base's columns (n, c, p), what all terms leave of the rates, and what they make, (n, c) each."""
+    collects, made = sensor.collects, sensor.stated.copy()
     for candidate, values in (each for each in terms if each[0].sensor == sensor.number):
         for column, (value, _) in values.items():
             made += candidate.columns[:, :, column] * value
-    return columns, collects.rates_deg_per_hr - sensor.known_rates() - made, made
+    return sensor.form.columns(collects.conditions), collects.rates_deg_per_hr - sensor.known_rates() - made, made
 
 
 def base_curves(
@@ -174,7 +172,7 @@ def base_curves(
     """Fit the base to what the terms leave: one set of values, a set at each temperature, or a correction."""
     form = sensor.form
     columns, rates, _ = left_by(sensor, terms)
-    fit = fit_to(rates, columns, sensor.collects.rates_se_deg_per_hr)[: len(form.names)]
+    fit = fit_to(rates, columns, sensor.collects.rates_se_deg_per_hr)
     if sensor.given is not None:
         return _shifted(sensor.given.sensors[sensor.number], form.names, fit)
     if calibrated:
@@ -199,8 +197,8 @@ def _tables(sensor: SensorProblem, columns: FloatArray, rates: FloatArray, whole
     own = []
     for k, centre in zip(stations, centres, strict=True):
         here = numbers == k
-        left = rates[here] - columns[here][:, :, : len(whole)] @ whole
-        law = whole + fit_to(left, columns[here], sensor.collects.rates_se_deg_per_hr[here])[: len(whole)]
+        left = rates[here] - columns[here] @ whole
+        law = whole + fit_to(left, columns[here], sensor.collects.rates_se_deg_per_hr[here])
         own.append(law.reshape(-1, powers) @ (centre - (form.reference_degC or 0.0)) ** np.arange(powers))
     return {
         name: Table(unit=unit, table=TableRows(temperature_degC=tuple(centres), value=tuple(float(v[i]) for v in own)))

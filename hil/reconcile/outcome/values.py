@@ -18,7 +18,7 @@ from hil.reconcile.outcome.improve import base_curves, left_by
 from hil.reconcile.outcome.scatter import FoundScatter
 from hil.reconcile.search.candidates import Candidate
 from hil.reconcile.search.fitted import Values
-from hil.reconcile.search.problem import Problem, SensorProblem, fit_to
+from hil.reconcile.search.problem import Problem, SensorProblem
 from hil.solve import solve
 from hil.solve.beside_terms import with_scatter
 from hil.solve.runs import OBSERVABLE
@@ -151,9 +151,7 @@ def taken_out(
     """
     laid = {}
     for number, sensor in sensors.items():
-        columns, left, made = left_by(sensor, terms)
-        own = len(sensor.form.names)
-        made += columns[:, :, own:] @ fit_to(left, columns, sensor.collects.rates_se_deg_per_hr)[own:]
+        *_, made = left_by(sensor, terms)
         collects = replace(sensor.collects, rates_deg_per_hr=sensor.collects.rates_deg_per_hr - made)
         parts = [*problem.model.stated_scatter(collects.conditions)]
         for found in (each for each in scatter if each.sensor == number):

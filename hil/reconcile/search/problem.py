@@ -18,6 +18,7 @@ from hil.campaign import Campaign, Collects, Conditions, FloatArray
 from hil.campaign.data import known_mean
 from hil.campaign.stand_ins import OWN, own_degC, with_stand_ins
 from hil.model import Model
+from hil.model.curve import Polynomial
 from hil.model.effects.base import Base, Effect, effect_columns
 from hil.model.effects.prior import UNSEEN
 from hil.model.equation import pickoff_rates
@@ -40,8 +41,9 @@ _BEYOND_DOUBT = 12.0  # log likelihood
 class SensorProblem:
     """One sensor: its collects, the form that is fitted, the fitted values (p,), and the base at each row.
 
-    Base and values are those of `right` (n, c), rates as far as they are where they belong. `given` is the model whose
-    own values follow temperature: they stand, and what is fitted is a correction to them.
+    Base and values are those of `right` (n, c), rates as far as they are where they belong, less what the model's terms
+    make of them as they are `stated` (n, c); in a search they are of any size, by `term_columns`. `given` is the model
+    whose own values follow temperature: they stand, and what is fitted is a correction to them.
     """
 
     number: int
@@ -51,6 +53,7 @@ class SensorProblem:
     values: FloatArray
     base: Base
     term_columns: FloatArray
+    stated: FloatArray
     given: Model | None = None
 
     def base_on(self, conditions: Conditions, values: FloatArray | None = None) -> Base:
@@ -206,13 +209,12 @@ def _sensor(collects: Collects, right: FloatArray, model: Model, form: LinearFor
     columns = form.columns(conditions)
     fixed = conditions.w_channels_deg_per_hr if given is None else given.base_for(conditions).rates
     rates = right - fixed
-    terms = columns[:, :, :0]
+    stated = np.zeros_like(rates)
     for _ in range(2):  # terms are what they are beside the base, and the base is what it is beside them
-        joint = fit_to(rates, np.concatenate([columns, terms], axis=2), collects.rates_se_deg_per_hr)
-        values = joint[: columns.shape[2]]
+        values = fit_to(rates - stated, columns, collects.rates_se_deg_per_hr)
         base = _base(form, conditions, values, given)
-        terms = _term_columns(model, conditions, base)
-    return SensorProblem(number, collects, right, form, values, base, terms, given)
+        terms, stated = _of_terms(model, conditions, base)
+    return SensorProblem(number, collects, right, form, values, base, terms, stated, given)
 
 
 def _base(form: LinearForm, conditions: Conditions, values: FloatArray, given: Model | None) -> Base:
@@ -257,21 +259,29 @@ def base_at(form: LinearForm, conditions: Conditions, values: FloatArray) -> Bas
     return Base(bias, k, rates, bias_up - bias_down, k_up - k_down)
 
 
-def _term_columns(model: Model, conditions: Conditions, base: Base) -> FloatArray:
-    """Return the columns of the terms that the model already has, each at every power its values use, (n, c, p)."""
-    out = [np.zeros((len(conditions), len(conditions.sensor.channels), 0))]
-    temperature = conditions.columns.get("temperature_degC")
-    numbers = same_temperature(conditions)
+def _of_terms(model: Model, conditions: Conditions, base: Base) -> tuple[FloatArray, FloatArray]:
+    """Return columns (n, c, p) of the terms that the model has, in each power of temperature that their values have.
+
+    One for each temperature where these are a table; and what their values make of the rates, (n, c).
+    """
+    shape_of = (len(conditions), len(conditions.sensor.channels))
+    out, stated = [np.zeros((*shape_of, 0))], np.zeros(shape_of)
+    temperature, numbers = conditions.columns.get("temperature_degC"), same_temperature(conditions)
     for term, effect in model.terms_for(conditions.sensor):
         if effect.missing(conditions):
             continue
         shape = {**{s.name: s.grid[0] for s in effect.shapes_for(conditions) if len(s.grid) == 1}, **term.shape}
         columns = effect_columns(effect, conditions, base, shape)
-        names = [parameter.name for parameter in effect.parameters_for(conditions)]
-        given = [index for index, name in enumerate(names) if name in term.parameters]
-        columns = columns[:, :, given]
-        if temperature is not None and any(curve.depends_on_temperature for curve in term.parameters.values()):
-            steps = [(numbers == k).astype(np.float64)[:, None, None] for k in range(numbers.max() + 1)]
-            columns = np.concatenate([columns * step for step in steps], axis=2)
-        out.append(columns)
-    return np.concatenate(out, axis=2)
+        for place, parameter in enumerate(effect.parameters_for(conditions)):
+            if (curve := term.parameters.get(parameter.name)) is None:
+                continue
+            at = np.full(len(conditions), np.nan) if temperature is None else temperature
+            stated += columns[:, :, place] * np.nan_to_num(curve.at(at))[:, None]
+            by = np.ones((len(conditions), 1))
+            if isinstance(curve, Polynomial):
+                powers = [k for k, value in enumerate(curve.polynomial) if value]
+                by = np.nan_to_num(at[:, None] - curve.reference_degC) ** powers
+            elif curve.depends_on_temperature:
+                by = np.equal.outer(numbers, np.unique(numbers[numbers >= 0])).astype(np.float64)
+            out.append(columns[:, :, [place]] * by[:, None])
+    return np.concatenate(out, axis=2), stated
