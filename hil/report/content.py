@@ -164,10 +164,14 @@ def good(content: ReportContent) -> tuple[str, str]:
 def to_do(content: ReportContent) -> list[str]:
     """Return what somebody has to do now: with a night that is not whole, with runs that are not good."""
     wrong_by = [(each, cause) for each in content.solutions for cause in each.causes if cause.verdict in NOT_GOOD]
+    unused = {(of.number, run) for of in content.sensors for run in of.shown.not_used}
     errors = {of.number: [each.sd for at in of.shown.means for each in at.values.values()] for of in content.sensors}
     known = {
         "wrong": of_sensors_in_words(not_passed_of(content.solutions)),
-        "lacks": {cause is each.judged and each.exceeds_errors and each.settled for each, cause in wrong_by},
+        "lacks": {
+            cause is each.judged and each.exceeds_errors and each.settled and (each.sensor, each.runs[0]) not in unused
+            for each, cause in wrong_by
+        },
         "unknown": [number for number, sds in errors.items() if sds and not np.isfinite(sds).any()],
         "to_record": sorted({name for sensor in content.sensors for name in sensor.shown.to_record}),
         "may_follow": MAY_FOLLOW,

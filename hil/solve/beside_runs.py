@@ -45,8 +45,10 @@ class BesideRuns:
         earth = dict.fromkeys(rows.conditions.of_each_run if left_out else (), Judgement(Verdict.MARGINAL, NO_EARTH))
         judged = (campaign.verdicts, here, wrong.judged, soak, weight, earth)
         known, none = stated_noise(used) is not None, set[int]()
-        sound = set(used.conditions.run.tolist()).difference(wrong.judged, soak)
-        differ, left = changes(used, sound if known else none), unstated_changes(used, none if known else sound)
+        settled = set(used.conditions.run.tolist()).difference(soak)
+        sound = settled.difference(wrong.judged)
+        # What is doubted and used is no standard error's fault; where none is stated it is the noise that there is.
+        differ, left = changes(used, sound if known else none), unstated_changes(used, none if known else settled)
         return cls(judged, wrong.not_compared, soak.keys(), lacking, differ, left, used, campaign)
 
     def assumed(self, runs: Sequence[int], *, compared: bool) -> Iterator[str]:

@@ -28,6 +28,8 @@ LACKS = "the model lacks something (ask hil reconcile), or they are too small, a
 """Why runs FAIL that would FAIL again if they were measured again."""
 MOVED = "by what the unit went through before it had settled, or by what the model lacks then, too"
 """Why runs FAIL whose soak had not ended."""
+APART = "it is in no mean, and no ± allows for that"
+"""Why runs FAIL of which nothing holds: they are in no mean, and in no other run's ±."""
 RESIDUALS, DIFFERENCES = "residuals", "differences beside bias and MU"
 NO_ONE = "no one ± holds at each"
 """Of temperatures at which noise, or what changes from run to run, is not alike."""

@@ -29,6 +29,7 @@ from hil.solve.identifiability import orthonormal
 from hil.solve.least_squares import Solution, solve
 from hil.solve.precision import measured_well_enough, stated_noise
 from hil.solve.residuals import (
+    APART,
     LACKS,
     MOVED,
     Changes,
@@ -286,7 +287,8 @@ def _described(sensor: int, solved: _Solved, among: int, every: Collects, beside
     if unobservable:
         judged = Judgement(Verdict.INCONCLUSIVE, what_lacks(collects, every, unobservable))
     else:
-        channels, why, left = list(conditions.sensor.channels), LACKS if settled else MOVED, squares / times**2
+        why = (APART if np.isin(beside.used.conditions.run, runs).sum() == 0 else LACKS) if settled else MOVED
+        channels, left = list(conditions.sensor.channels), squares / times**2
         where, wider = beyond_errors(channels, (left, freedom), among), wider_in_words(channels, times)
         judged = judge(float(left.sum()), solved.degrees, equations, noise_stated, among, where, why, wider)
     unit, places = dict(zip(told.names, told.units, strict=True)), [form.names.index(name) for name in told.names]

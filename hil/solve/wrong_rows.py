@@ -242,7 +242,8 @@ def _said(filed: Collects, found: Explained) -> Iterator[tuple[int, Wrong, Judge
     alone = "contradict each other" if several else "contradicts itself"
     how = alone if every else f"{'do' if several else 'does'} not agree with the others"
     differ = f"{numbered('run', runs)} {how}"
-    nothing = ", or nothing is wrong and standard errors are too small" * (found.nothing >= HARDLY)
+    or_noise = "standard errors are too small" if stated_noise(filed) is not None else "noise is larger"
+    nothing = f", or nothing is wrong and {or_noise}" * (found.nothing >= HARDLY)
     once = _FROM if all(each.endswith(_FROM) for each in may_be) else ""
     some = ", or ".join(each.removesuffix(once) for each in may_be)
     why = f"{differ}: {some}{once}{nothing}; these rates cannot tell which"

@@ -37,6 +37,7 @@ from procedures.settings import Restabilisation
 _SAME_G = 0.05  # g: an orientation of the bench file is a collect's where gravity lies along the same axes to this
 
 MEASURED = "measured standard errors"
+_OR_MODEL = "standard errors, or the noise of the model where none are stated"
 _EXACT = 1e-9  # deg/hr: residuals of rates that a model made are rounding
 _LARGEST_NOISE = 1e9  # deg/hr: an average with more is none
 
@@ -118,7 +119,10 @@ def _measured_runs(
         conditions = rows.conditions
         form = default_form(conditions)
         stated = stated_noise(rows)
-        sigma, noise_by = (bench.uncertainties.of_collects(conditions), usual) if stated is None else (stated, MEASURED)
+        by_errors = _OR_MODEL if model is not None and conditions.sensor.number in model.noise else MEASURED
+        sigma, noise_by = (
+            (bench.uncertainties.of_collects(conditions), usual) if stated is None else (stated, by_errors)
+        )
         noisy: FloatArray | float = 1.0
         if shown is not None and not shown.stated and np.all(shown.left.deg_per_hr > _EXACT):
             sigma, noisy = np.ones(sigma.shape), shown.left.deg_per_hr  # all weigh alike

@@ -187,12 +187,13 @@ def campaign_document(
     What the terms of a `model` make is taken off, and what it states of noise counts where the campaign states and
     shows none; the `changes` are weighed. Raises `InputError` where that cannot be known.
     """
-    told = {"simulated": campaign.simulated, "warnings": list(campaign.warnings), **what_is_wrong(campaign)}
+    told: dict[str, Any] = {"simulated": campaign.simulated, "warnings": list(campaign.warnings)}
     if model is not None:
         model = fitting_campaign(model, campaign)
         campaign = beside(campaign, model)
-        told = {"taken_off": model.full_title, **told} if model.terms else told
-        told = {"noise_of": model.full_title, **told} if model.noise else told
+        told |= {"taken_off": model.full_title} if model.terms else {}
+        told |= {"noise_of": model.full_title} if model.noise else {}
+    told |= what_is_wrong(campaign)
     usual = NoiseLevel().collect_deg_per_hr  # repeats show what is beyond
     campaign, shown, assumed = beside_usual(
         campaign,
