@@ -53,6 +53,7 @@ _VISITED_ONCE = (
     "each temperature was gone to once: what changes from visit to visit, as a jump between two does, is not known, "
     "and no ± has it"
 )
+_IN_NO_MEAN = "{}: the soak had not ended, and none repeats a run of which it had: in no mean"
 _NEITHER = "and have neither standard errors nor residuals"
 MISSTATED = 1.5
 """How many times as large noise has to be for anybody to see to it: it is known hardly better from unit to unit."""
@@ -73,7 +74,7 @@ class SensorRepeats:
     that nobody recorded and that what scatters beyond noise may follow. `of_means`: rows are printed means of runs,
     whose standard errors have what these scattered by. `temperature_degC` is that of every run that has one;
     `of_visits` parameters differ between visits to one, `between` says by what; `visited_once` says
-    so of several temperatures, where each was gone to once.
+    so of several temperatures, where each was gone to once, and `in_no_mean` of runs of which nobody knows theirs.
     """
 
     names: tuple[str, ...]
@@ -98,6 +99,7 @@ class SensorRepeats:
     of_visits: Sequence[str] = ()
     between: BetweenRuns = field(default_factory=BetweenRuns)
     visited_once: Sequence[str] = ()
+    in_no_mean: Sequence[str] = ()
 
     @classmethod
     def of(cls, units: Mapping[str, str], spread: Spread, means: Sequence[MeanAt]) -> Self:
@@ -191,7 +193,11 @@ class SensorRepeats:
                 said.append(
                     f"{_ONCE}: each ± has what the model states to scatter from run to run: {'; '.join(by_name)}"
                 )
-            return [*(said or [f"{_ONCE}: what changes from run to run is not known, and in no ±"]), *self.widened]
+            return [
+                *(said or [f"{_ONCE}: what changes from run to run is not known, and in no ±"]),
+                *self.in_no_mean,
+                *self.widened,
+            ]
         of, noise = self.spread, self.by_noise
 
         def by(some: BoolArray) -> list[str]:
@@ -215,7 +221,7 @@ class SensorRepeats:
             more = f"as their {errors} say, as far as {freedom} can tell{unknown}{by_more}"
         said = [f"repeats scatter {more}"] if told or may_be or not self.noise_in_words else []
         said += [f"record {MAY_FOLLOW.format(listed(self.to_record))}"] if self.to_record else []
-        return [*said, *self.visited_once, *self.between.not_judged, *self.cautions]
+        return [*said, *self.in_no_mean, *self.visited_once, *self.between.not_judged, *self.cautions]
 
     @property
     def cautions(self) -> list[str]:
@@ -330,6 +336,7 @@ def _of_sensor(
     visited = [degC for degC, _ in visits(conditions) if degC is not None]
     told = {e.runs[0]: e.settled for e, known in zip(own, np.isfinite(values), strict=True) if known.any()}
     # Of a run that had not settled, and repeats none that had, nobody knows of which temperature it would be a mean.
+    late = sorted(run for degC, of in at for run in of if degC is None and not told.get(run, True))
     at = [(degC, tuple(run for run in of if run in told and (told[run] or degC is not None))) for degC, of in at]
     known_shares = shares_of(rows)
     shares = np.array([known_shares.get(name, np.full(len(channels), 1.0 / len(channels))) for name in units])
@@ -385,6 +392,7 @@ def _of_sensor(
         to_record=to_record_of((n for n, odd in zip(units, by_noise.certain, strict=True) if odd), conditions),
         stated=stated,
         visited_once=[_VISITED_ONCE] * (1 < len(visited) == len(set(visited))),
+        in_no_mean=[_IN_NO_MEAN.format(numbered("run", late))] * bool(late),
         of_visits=of_visits,
         noise_told=bool(freedom.sum() + differ.freedom.sum() > 0.5 or np.isfinite(left.deg_per_hr).all()),
     )
