@@ -36,6 +36,7 @@ def design_document(proposal: Proposal, goal: Goal, sweep: Sweep, bench: Bench) 
             "scatter": dict(goal.scatter),
             "scatter_of": {str(number): dict(of.sizes) for number, of in goal.shown.items()},
             "lasting_of": {str(number): list(of.lasting) for number, of in goal.shown.items()},
+            "noise_of": {str(number): dict(of.noise) for number, of in goal.shown.items()},
             "at_most_of": {str(number): dict(of.at_most) for number, of in goal.shown.items()},
         },
         "met": not proposal.missing,

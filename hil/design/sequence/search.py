@@ -205,7 +205,10 @@ class _Weigher:
         worth, variances = {}, {}
         for number in self._sensors:
             scene = scene_of(self._bench, number, positions, self._sweep.collect, self._temperature, self._model)
-            form = self.forms[number]
+            form, noise = self.forms[number], self._goal.shown.get(number, UnitScatter()).noise
+            if [*noise] == [*scene.conditions.sensor.channels]:
+                as_shown = np.array([*noise.values()]) / np.sqrt(self._sweep.collect.duration_s / 3600.0)
+                scene = replace(scene, noise_times=as_shown / scene.sigma[0])
             one = sequence_worth(scene, form)
             if one is None:
                 return None

@@ -12,9 +12,12 @@ import pytest
 from hil.campaign.writer import write_campaign
 from hil.cli.app import run
 from hil.config import load_bench, load_sweep
+from hil.design.budget.document import Asked, budget_document
+from hil.design.budget.scenes import measured_scenes
 from hil.design.sequence.proposal import design_document
 from hil.design.sequence.search import Goal, propose
 from hil.design.sequence.unit_scatter import scatter_of_unit
+from hil.solve import repeats, solve_campaign
 from tests.hil.reconcile.hidden_effects import base_rates, campaign_of, lay_out
 from tests.hil.solve.runs_of_a_unit import campaign
 
@@ -66,3 +69,24 @@ def test_what_one_run_alone_shows_does_not_last() -> None:
         rates[:, 1] -= 15.0 * rows.f[:, 2] * np.isin(rows.run, after)
         lasting.append("MUA" in scatter_of_unit(campaign_of(rows, rates))[2].lasting)
     assert lasting == [False, True]
+
+
+def test_what_is_promised_has_the_noise_that_the_unit_shows() -> None:
+    """Of a channel ten times as noisy as the bench says a mean was promised as the bench's: design as budget knows."""
+    made = campaign(9, 3, seed=5, scatter=0.0)
+    rows = made.sensors[2]
+    rng, noise = np.random.default_rng(2), np.array([0.5, 9.0])
+    rates = rows.rates_deg_per_hr + rng.normal(0.0, 1.0, rows.rates_deg_per_hr.shape) * noise
+    stated = np.broadcast_to(noise, rates.shape).copy()
+    sweep, bench = load_sweep("rd-gc-86-1"), load_bench("simulated")
+    for errors in (stated, np.full_like(stated, np.nan)):
+        one = replace(made, sensors={2: replace(rows, rates_deg_per_hr=rates, rates_se_deg_per_hr=errors)})
+        of_unit = scatter_of_unit(one)
+        assert of_unit[2].noise["RB"] > 4.0 * of_unit[2].noise["RA"]
+        goal = Goal({}, sensors=(2,), shown=of_unit)
+        proposal = propose(sweep, bench, goal)
+        (same,) = (each for each in (proposal.best, *proposal.compared) if each.sequence == "1-2-3")
+        known, shown = same.total[2], repeats(one, solve_campaign(one))
+        at = budget_document(measured_scenes(one, bench, shown), "t", Asked(draws=100), observed=shown)["sensors"]["2"]
+        for name in ("BB", "GSB"):
+            assert known[name] == pytest.approx(at["mean_of_repeats"][name], rel=0.15)
