@@ -16,7 +16,7 @@ from hil.model.stated_noise import SensorNoise
 from hil.reconcile import Reconciliation, reconcile
 from hil.reconcile.outcome.page import page
 from hil.reconcile.outcome.sentences import values_off, what_to_do
-from hil.reconcile.outcome.stated import with_ordinary
+from hil.reconcile.outcome.stated import stated_in_words, with_ordinary
 from hil.reconcile.result import Solved
 from hil.reconcile.scattering import what_scatters
 from hil.solve.beside_terms import beside
@@ -331,3 +331,24 @@ def test_what_runs_of_one_temperature_do_not_differ_by_is_in_no_error_of_theirs(
     assert found.verdict == "none"
     assert "First see to what RA of sensor 2 follows: runs of one temperature differ less (hil thermal)" in act
     assert "± of hil solve" not in act
+
+
+@pytest.mark.parametrize(("noisy", "se", "white", "beyond"), [(1.5, 0.1, 0.5, 2.0**0.5), (0.51, 0.1, 0.505, None)])
+def test_of_unlike_channels_without_errors_the_quietest_has_white_noise(
+    noisy: float, se: float, white: float, beyond: float | None
+) -> None:
+    """The rest of the other is new in every collect: the rms of both had stood for each, in model.yaml alone."""
+    rows = hidden_campaign(1).sensors[2].conditions
+    model = Model(schema="hil.model/1", title="unit", form="matrix-6")
+    none = dict.fromkeys(("stated_deg_per_hr", "run_offset_deg_per_hr", "run_offset_se_deg_per_hr"))
+    seen = [
+        {"sensor": 2, "channel": c, "under": "matrix-6", "collect_to_collect_deg_per_hr": size, **none}
+        | {"collect_to_collect_se_deg_per_hr": se}
+        for c, size in (("RA", 0.5), ("RB", noisy))
+    ]
+    section = with_ordinary(model, seen, {2: rows}).noise[2]
+    assert section.white(rows) == pytest.approx(white, rel=1e-3)
+    assert {name: each.at([0.0])[0] for name, each in section.collect_to_collect.items()} == (
+        {} if beyond is None else {"BB": pytest.approx(beyond, rel=1e-3)}
+    )
+    assert any("RB: 1.41" in said for said in stated_in_words(seen, {})) is (beyond is not None)
