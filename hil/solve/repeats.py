@@ -154,12 +154,12 @@ class SensorRepeats:
         return np.asarray(self.noise_times * errors if self.stated else left)
 
     def of_a_collect(self, errors: FloatArray, columns: FloatArray) -> float:
-        """Return what the usual collect scatters by, deg/hr: its own noise, and what parameters do from run to run.
+        """Return what a collect of usual noise scatters by, rms deg/hr, with what parameters do from run to run.
 
         `errors` (n, c) are the standard errors of rates, `columns` (n, c, p) what these are of each parameter.
         """
         beyond = np.einsum("ncp,p->nc", columns**2, self.by_noise.beyond**2)
-        return float(np.sqrt(np.median(np.nan_to_num(self.noise(errors)) ** 2 + beyond)))
+        return float(np.sqrt(np.median(np.nan_to_num(self.noise(errors)) ** 2) + np.mean(beyond)))
 
     def document(self) -> dict[str, Any]:
         """Return the JSON of it: `run_to_run` by parameter, `means` by temperature, and runs that are in neither."""

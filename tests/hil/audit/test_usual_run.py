@@ -77,7 +77,7 @@ def test_one_huge_standard_error_says_nothing_of_what_the_others_scatter_by() ->
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["good", "drift through every run", "no standard errors"])
+@pytest.mark.parametrize("name", ["good", "drift through every run", "no standard errors", "MU of each run"])
 def test_a_collect_scatters_by_as_much_for_thermal_as_for_the_search(name: str) -> None:
     """Also where residuals are many times their errors, and repeats show that this is no noise."""
     one = FOLDERS[name]()
