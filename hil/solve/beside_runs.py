@@ -20,7 +20,8 @@ from procedures.words import listed, numbered
 class BesideRuns:
     """What is known of runs beside their solutions: `lacking` have no standard error, `moving` runs had not settled.
 
-    What their runs differ by is in errors, or `unstated`.
+    What their runs differ by is in errors, `differ`, or `unstated`, (c,) each at every temperature; `used` are the
+    collects, rates (n, c), that numbers are made from.
     """
 
     judged: Sequence[Mapping[int, Judgement]]

@@ -72,7 +72,7 @@ Squares = Sequence[tuple[float | None, FloatArray, FloatArray]]
 
 
 def noise_left(by_residuals: Squares, by_repeats: Squares, channels: int) -> Left:
-    """Return what all of a sensor's runs make of noise that is not stated, by squares in (deg/hr)².
+    """Return what all of a sensor's runs make of noise that is not stated, by squares (c,) in (deg/hr)².
 
     Residuals tell it, and where there are none what runs of one temperature differ by. It is that of each channel, or
     of all together where few degrees of freedom tell that of any.
@@ -155,7 +155,7 @@ class Changes:
 
 
 def unstated_changes(rows: Collects, runs: Set[int]) -> Squares:
-    """Return what differs from run to run as `changes` does, in (deg/hr)², of rates that state no errors."""
+    """Return what differs from run to run as `changes` does, (c,) in (deg/hr)², of rates that state no errors."""
     rows = replace(rows, rates_se_deg_per_hr=np.ones_like(rows.rates_se_deg_per_hr))
     groups, squares, freedom, _ = _between_runs(rows, runs)
     return [(degC, *own) for (degC, _), *own in zip(groups, squares, freedom, strict=True)]
