@@ -179,7 +179,8 @@ def design(
     from hil.design.sequence.search import Goal, parse_target, propose
 
     if Path(sweep).is_dir():
-        raise InputError(f"{sweep}: a folder is no sweep; what a unit scatters by there is --scatter {sweep}")
+        told = "if it is a night or a campaign, what its unit scatters by is"
+        raise InputError(f"{sweep}: a folder is no sweep; {told} --scatter {sweep}")
     base, its_bench = load_sweep(sweep), load_bench(bench)
     if out is not None:
         check_new(out)

@@ -118,7 +118,7 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
         tells = f": {AGAIN} tells it from what changes by the run" * alone
         first.append(f"what probably follows temperature, and is not in the model (notes){tells}")
     elif likely and result.solved.temperatures:
-        time = ", or time: each was gone to once" * all(e.visited_once for e in result.solved.shown.values())
+        time = ", or time: each temperature was met once" * all(e.visited_once for e in result.solved.shown.values())
         act += f" The model's values follow temperature{time}." * result.calibrated
         tells = f"these cannot tell ({few})" if (few := too_few(result.solved.temperatures)) else "hil thermal says"
         act += f" The model holds at temperatures that were measured: how far off it may be at others, {tells}."

@@ -241,19 +241,20 @@ def _times(channel: Mapping[str, Any]) -> float:
 def stated_in_words(noise: Sequence[Mapping[str, Any]], wanders: Mapping[int, Wander]) -> list[str]:
     """Say in a sentence what the improved model's noise states beyond that of the model that was read."""
     unstated = _white_unstated(noise)
+    every = [(each, *own) for each in noise for own in beyond_chance(each, *unstated.get(each["sensor"], ()))]
     more = "; ".join(
         f"sensor {each['sensor']}, {each['channel']}: {rounded(size, se)} deg/hr from {key.replace('_', ' ')}"
-        for each in noise
-        for key, size, se in beyond_chance(each, *unstated.get(each["sensor"], ()))
+        for each, key, size, se in every
     )
+    unlike = {each["sensor"] for each, key, *_ in every if key == "collect_to_collect"}
     errors = "the standard errors and " * any(each["stated_deg_per_hr"] is not None for each in noise)
     errors += "white noise and " * bool(unstated)
     about = " and ".join(dict.fromkeys(each["under"] for each in noise))
     said = f"the noise of model.yaml states what averages scatter by beyond {errors}{about}"
     inside = [f"{each}, which model.yaml states" for each in flicker_in_words(wanders)]
     white = [
-        f"sensor {number}: no standard errors are stated; the white noise of model.yaml is what collects scatter by, "
-        f"{rounded(size, se)} deg/hr in a collect"
+        f"sensor {number}: no standard errors are stated; the white noise of model.yaml is what collects "
+        f"{'of the quietest channel ' * (number in unlike)}scatter by, {rounded(size, se)} deg/hr in a collect"
         for number, (size, se) in unstated.items()
     ]
     return [*([f"{said}: {more}"] if more else []), *white, *inside]

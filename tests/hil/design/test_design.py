@@ -365,7 +365,9 @@ def test_the_sweep_that_is_written_is_accepted_by_the_plan(tmp_path: Path, capsy
 def test_a_folder_in_the_place_of_a_sweep_is_told_its_own(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A technician who has a night asks with it, as every other command is asked."""
     assert run(["design", str(tmp_path)]) == 2
-    assert f"a folder is no sweep; what a unit scatters by there is --scatter {tmp_path}" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "a folder is no sweep; if it is a night or a campaign" in said
+    assert f"--scatter {tmp_path}" in said
 
 
 @pytest.mark.slow

@@ -351,4 +351,5 @@ def test_of_unlike_channels_without_errors_the_quietest_has_white_noise(
     assert {name: each.at([0.0])[0] for name, each in section.collect_to_collect.items()} == (
         {} if beyond is None else {"BB": pytest.approx(beyond, rel=1e-3)}
     )
-    assert any("RB: 1.41" in said for said in stated_in_words(seen, {})) is (beyond is not None)
+    words = " ".join(stated_in_words(seen, {}))
+    assert [said in words for said in ("RB: 1.41", "of the quietest channel")] == [beyond is not None] * 2

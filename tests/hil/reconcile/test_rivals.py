@@ -92,7 +92,7 @@ def test_values_that_follow_temperature_are_said_to() -> None:
     assert result.verdict == "none"
     assert result.calibrated
     assert "its values follow temperature" in summary(result)[0]
-    assert "values follow temperature, or time: each was gone to once." in what_to_do(result)[1]
+    assert "values follow temperature, or time: each temperature was met once." in what_to_do(result)[1]
 
 
 def with_bias(seed: int, hidden: Callable[[Rows], FloatArray]) -> Reconciliation:
