@@ -53,6 +53,12 @@ class Term(Section):
     shape: Mapping[str, FiniteFloat] = Field(default_factory=dict)
     added: Mapping[str, Any] = Field(default_factory=dict)
 
+    def values_at(self, names: Sequence[str], temperature_degC: FloatArray) -> FloatArray:
+        """Return what parameters of these names (p,) are at temperatures (n,), (n, p): 0 where none is given."""
+        zero = np.zeros(len(temperature_degC))
+        of_each = [self.parameters[name].at(temperature_degC) if name in self.parameters else zero for name in names]
+        return np.stack(of_each, axis=1)
+
 
 class InsideCollects(Section):
     """What was found inside a sensor's collects and leaves no trace in their averages, on record.
@@ -360,8 +366,5 @@ def _contribution(title: str, term: Term, effect: Effect, rows: Conditions, base
     temperatures = column(rows, "temperature_degC")
     if any(curve.depends_on_temperature for curve in term.parameters.values()) and np.isnan(temperatures).any():
         raise InputError(f"model {title}: term {effect.id} depends on temperature_degC, which some rows lack")
-    values = np.zeros((len(rows), columns.shape[-1]))
-    for index, parameter in enumerate(effect.parameters_for(rows)):
-        if parameter.name in term.parameters:
-            values[:, index] = term.parameters[parameter.name].at(temperatures)
+    values = term.values_at([each.name for each in effect.parameters_for(rows)], temperatures)
     return np.asarray(np.einsum("ncp,np->nc", columns, values))

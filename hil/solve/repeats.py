@@ -90,7 +90,7 @@ class SensorRepeats:
     differ: Changes = field(default_factory=lambda: Changes(np.zeros(0), np.zeros(0)))
     noise_times: FloatArray = field(default_factory=lambda: np.ones(1))
     same_times: Mapping[str, float] = field(default_factory=dict)
-    left: Left = field(default_factory=lambda: Left(np.full(1, np.nan), np.full(1, np.inf)))
+    left: Left = field(default_factory=Left)
     stated: bool = True
     noise_told: bool = False
     to_record: Sequence[str] = ()

@@ -5,7 +5,7 @@
 
 import math
 from collections.abc import Collection, Sequence, Set
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -56,8 +56,8 @@ class Left:
     `by` says what tells it, and `larger` that it is so at one temperature, or nothing.
     """
 
-    deg_per_hr: FloatArray
-    freedom: FloatArray
+    deg_per_hr: FloatArray = field(default_factory=lambda: np.full(1, math.nan))
+    freedom: FloatArray = field(default_factory=lambda: np.full(1, math.inf))
     by: str = RESIDUALS
     larger: Sequence[str] = ()
 
@@ -77,10 +77,8 @@ def noise_left(by_residuals: Squares, by_repeats: Squares, channels: int) -> Lef
     Residuals tell it, and where there are none what runs of one temperature differ by. It is that of each channel, or
     of all together where few degrees of freedom tell that of any.
     """
-    at, by = next(
-        ((at, by) for at, by in ((by_residuals, RESIDUALS), (by_repeats, DIFFERENCES)) if sum(n.sum() for *_, n in at)),
-        ((), RESIDUALS),
-    )
+    told = any(freedom.any() for *_, freedom in by_residuals)
+    at, by = (by_residuals, RESIDUALS) if told else (by_repeats, DIFFERENCES)
     squares, freedom = sum((np.array(own) for _, *own in at), np.zeros((2, channels)))
     if not np.any(freedom > 0.5):
         return Left(np.full(channels, math.nan), np.full(channels, math.inf))

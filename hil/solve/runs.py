@@ -102,7 +102,7 @@ class RunSolution:
     per_noise: FloatArray | None = None
     differ: Changes = field(default_factory=lambda: Changes(np.zeros(1), np.zeros(1)))
     between: BetweenRuns = field(default_factory=BetweenRuns)
-    left: Left = field(default_factory=lambda: Left(np.full(1, np.nan), np.full(1, np.inf)))
+    left: Left = field(default_factory=Left)
 
     def by_noise(self, deg_per_hr: FloatArray) -> Mapping[str, Estimate]:
         """Return the parameters with the standard errors of rates of this noise (c,), NaN: unknown, where none is."""

@@ -30,6 +30,7 @@ from hil.errors import InputError, worded
 from hil.files.strict import config_folders
 from hil.files.units import RATE, to_number
 from hil.model import load_model
+from hil.model.effects.columns import HOUR_S
 from hil.model.forms import LinearForm, default_form
 from procedures.plan import make_plan
 from procedures.words import counted
@@ -207,7 +208,7 @@ class _Weigher:
             scene = scene_of(self._bench, number, positions, self._sweep.collect, self._temperature, self._model)
             form, noise = self.forms[number], self._goal.shown.get(number, UnitScatter()).noise
             if [*noise] == [*scene.conditions.sensor.channels]:
-                as_shown = np.array([*noise.values()]) / np.sqrt(self._sweep.collect.duration_s / 3600.0)
+                as_shown = np.array([*noise.values()]) / np.sqrt(self._sweep.collect.duration_s / HOUR_S)
                 scene = replace(scene, noise_times=as_shown / scene.sigma[0])
             one = sequence_worth(scene, form)
             if one is None:

@@ -81,10 +81,10 @@ class SensorProblem:
         columns, measured = effect_columns(effect, conditions, self.base, shape), np.isfinite(rates)
         kept = kept_shares(orthonormal(plain[measured]), columns[measured]) > UNSEEN  # the rest is the base's to do
         both = np.concatenate([plain, columns[:, :, kept]], axis=2)
-        joint = fit_to(rates, both, stated)
-        if alone - _misfit(both, rates, joint) < _BEYOND_DOUBT:
+        if alone - _misfit(both, rates, fit_to(rates, both, stated)) < _BEYOND_DOUBT:
             return self.base
-        return self.base_on(conditions, joint[: len(self.form.names)])
+        beside = np.concatenate([self.form.columns(conditions), columns[:, :, kept]], axis=2)
+        return self.base_on(conditions, fit_to(rates - self.stated, beside, stated)[: len(self.form.names)])
 
     def known_rates(self) -> FloatArray:
         """Return what is not fitted at each row, (n, c): the earth rate, and the values that stand."""
@@ -264,23 +264,24 @@ def _of_terms(model: Model, conditions: Conditions, base: Base) -> tuple[FloatAr
 
     One for each temperature where these are a table; and what their values make of the rates, (n, c).
     """
-    shape_of = (len(conditions), len(conditions.sensor.channels))
-    out, stated = [np.zeros((*shape_of, 0))], np.zeros(shape_of)
-    temperature, numbers = conditions.columns.get("temperature_degC"), same_temperature(conditions)
+    count, numbers = len(conditions), same_temperature(conditions)
+    temperature = conditions.columns.get("temperature_degC", np.full(count, np.nan))
+    stated = np.zeros((count, len(conditions.sensor.channels)))
+    out = [stated[..., None][..., :0]]
     for term, effect in model.terms_for(conditions.sensor):
         if effect.missing(conditions):
             continue
         shape = {**{s.name: s.grid[0] for s in effect.shapes_for(conditions) if len(s.grid) == 1}, **term.shape}
         columns = effect_columns(effect, conditions, base, shape)
-        for place, parameter in enumerate(effect.parameters_for(conditions)):
-            if (curve := term.parameters.get(parameter.name)) is None:
+        names = [parameter.name for parameter in effect.parameters_for(conditions)]
+        stated += np.einsum("ncp,np->nc", columns, np.nan_to_num(term.values_at(names, temperature)))
+        for place, curve in enumerate(map(term.parameters.get, names)):
+            if curve is None:
                 continue
-            at = np.full(len(conditions), np.nan) if temperature is None else temperature
-            stated += columns[:, :, place] * np.nan_to_num(curve.at(at))[:, None]
-            by = np.ones((len(conditions), 1))
+            by = np.ones((count, 1))
             if isinstance(curve, Polynomial):
                 powers = [k for k, value in enumerate(curve.polynomial) if value]
-                by = np.nan_to_num(at[:, None] - curve.reference_degC) ** powers
+                by = np.nan_to_num(temperature[:, None] - curve.reference_degC) ** powers
             elif curve.depends_on_temperature:
                 by = np.equal.outer(numbers, np.unique(numbers[numbers >= 0])).astype(np.float64)
             out.append(columns[:, :, [place]] * by[:, None])

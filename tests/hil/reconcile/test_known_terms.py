@@ -10,6 +10,7 @@ import pytest
 
 from hil.campaign import Campaign
 from hil.model import Model
+from hil.model.effects.catalogue import effect_by_id
 from hil.reconcile import reconcile
 from hil.reconcile.outcome.improve import base_curves
 from hil.reconcile.outcome.values import taken_out
@@ -55,6 +56,22 @@ def test_the_base_is_what_it_is_beside_the_terms_as_they_are_stated(how: str) ->
     assert {name: curve.at([20.0])[0] for name, curve in curves.items()} == pytest.approx(BASE, abs=1e-6)
     left = taken_out(problem, problem.sensors, (), ()).sensors[2]
     np.testing.assert_allclose(left.rates_deg_per_hr, model.base_for(left.conditions).rates, atol=1e-6)
+
+
+@pytest.mark.parametrize("how", STATED)
+def test_what_acts_on_the_base_acts_on_all_of_it(how: str) -> None:
+    """Also beside an effect that shows beyond doubt, with which it is fitted anew."""
+    model, phase = known(how), effect_by_id("phase")
+    made = made_by(model, 0.3)
+    rows = made.sensors[2]
+    turned = phase.columns(rows.conditions, model.base_for(rows.conditions), {})[..., 1]  # by 1 mrad for each °C
+    made = replace(made, sensors={2: replace(rows, rates_deg_per_hr=rows.rates_deg_per_hr + turned)})
+    problem = pose(made, model, ()).sensors[2]
+    beside = problem.base_beside(phase, {})
+    assert beside is not problem.base
+    right = model.base_for(rows.conditions)
+    np.testing.assert_allclose(beside.k, right.k, atol=1.0)
+    np.testing.assert_allclose(beside.bias, right.bias, atol=1.0)
 
 
 @pytest.mark.slow
