@@ -71,16 +71,19 @@ def _of_channels(
         more = of_rows + offsets * (not certain)
         mean, middle = (_likely(more, weight, known=sure) for sure in (True, False))
         error = float(np.hypot(np.sqrt(weight @ (more - mean) ** 2), mean * relative))
-        stated = rows_of.sigma_stated
-        sure = stated and (middle - known) * mean > BEYOND * error * known  # which is as uncertain as what is seen
+        stated, by_solve, by_solve_error = rows_of.sigma_stated, 0.0, 0.0
+        if shown is not None and shown.noise_told:
+            usual = np.full((1, len(own.noise.conditions.sensor.channels)), np.median(rows_of.sigma[rows]))
+            by_solve = float(shown.noise(usual)[0, c] ** 2 + np.median(beside[rows]))
+            by_solve_error = by_solve * (relative if stated else float(np.sqrt(2.0 / shown.left.freedom[c])))
+        least = known if stated else by_solve
+        sure = (middle - least) * mean > BEYOND * error * least  # which is as uncertain as what is seen
         offset2, own2 = (_likely(each, weight, known=sure or certain) for each in (offsets, of_rows))
         here = [f for f in found if f.sensor == rows_of.sensor and channel in f.channels]
         noisier = not stated
-        if shown is not None and shown.noise_told and not sure:
-            usual = np.full((1, len(own.noise.conditions.sensor.channels)), np.median(rows_of.sigma[rows]))
-            own2 = float(shown.noise(usual)[0, c] ** 2 + np.median(beside[rows]))
-            noisier = not stated or bool(shown.noise_times[c] > 1.0)
-            error = own2 * (relative if stated else float(np.sqrt(2.0 / shown.left.freedom[c])))
+        if by_solve and not sure:
+            own2, error = by_solve, by_solve_error
+            noisier |= bool(shown is not None and shown.stated and shown.noise_times[c] > 1.0)
         offset, size = float(np.sqrt(offset2)), float(np.sqrt(max(own2 - known, 0.0)))
         offset_se = offset * float(np.hypot(GRID / np.sqrt(12.0), 1.0 / np.sqrt(2.0 * runs)))
         if sure and offset > 0.0 and not certain:
