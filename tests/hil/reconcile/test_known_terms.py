@@ -54,6 +54,7 @@ def test_the_base_is_what_it_is_beside_the_terms_as_they_are_stated(how: str) ->
     problem = pose(made_by(model, 0.0), model, ())
     curves = base_curves(problem.sensors[2], (), calibrated=False)
     assert {name: curve.at([20.0])[0] for name, curve in curves.items()} == pytest.approx(BASE, abs=1e-6)
+    assert problem.sensors[2].values == pytest.approx([*BASE.values()], abs=1e-6)
     left = taken_out(problem, problem.sensors, (), ()).sensors[2]
     np.testing.assert_allclose(left.rates_deg_per_hr, model.base_for(left.conditions).rates, atol=1e-6)
 
