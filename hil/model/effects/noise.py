@@ -69,7 +69,7 @@ class Ageing(Effect):
     lasts = True
     odds = 1.0 / 1.5  # the published list of effects lacks it: it leads where nothing of that explains as much
     kin = _WITH_TEMPERATURE
-    experiment = "Return to the first temperature at the end of the night; a second night."
+    experiment = "A second night; in each, return to the first temperature at the end."
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
         return per_channel(middle_hr(conditions) / 24.0, conditions.sensor)

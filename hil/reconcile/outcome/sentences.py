@@ -197,8 +197,8 @@ def _or_else(result: Reconciliation, effect: FoundEffect) -> str:
     if same := [each for each in others if each.untold]:
         them = "them" if same == others else f"{effect.id} and {listed([each.id for each in same])}"
         said += f": these collects cannot tell {them} apart; {_usual(result, effect, same)}"
-    elif effect.acts_on == "scatter" and others[0].probability > effect.probability:
-        said += ": what may be no more than scatter is written as scatter"
+    if effect.acts_on == "scatter" and others[0].probability > effect.probability:
+        said += f"{';' if same else ':'} what may be no more than scatter is written as scatter"
     return said
 
 

@@ -161,6 +161,10 @@ def test_of_two_names_the_more_probable_is_said_though_the_other_is_written(plai
     said = " ".join(summary(replace(plain, effects=[ice])))
     assert "Ice (frost) may be missing from" in said
     assert "(27 %), or – 71 % – A jump (jump): what may be no more than scatter is written as scatter." in said
+    snow = Rival("snow", 0.02, 1.0, title="Snow", bayes_factor=1.0, prior_odds=0.1)  # and no collect tells it apart
+    said = " ".join(summary(replace(plain, effects=[replace(ice, confusable_with=[jump, snow])])))
+    assert "Snow (snow): these collects cannot tell frost and snow apart; physics expects frost: by" in said
+    assert "10 times as probable; what may be no more than scatter is written as scatter." in said
     alone, likely = (replace(ice, confusable_with=[], probability=probability) for probability in (0.27, 0.7))
     assert "Ice (frost) may be missing from another unit (27 %)." in " ".join(summary(replace(plain, effects=[alone])))
     assert "is missing from another unit – probably (70 %), not" in " ".join(summary(replace(plain, effects=[likely])))

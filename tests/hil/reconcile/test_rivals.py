@@ -170,5 +170,5 @@ def test_ageing_that_is_likelier_than_a_walk_is_its_first_rival_and_measured_aga
     assert first.probability > walk.probability
     assert first.bayes_factor is first.prior_odds is None
     assert result.next_experiment is not None
-    assert result.next_experiment["why"].startswith(f"separates {walk.id} from ageing: Return to the first temperature")
+    assert result.next_experiment["why"].startswith(f"separates {walk.id} from ageing: A second night")
     assert f"or – {percent(first.share)} – Ageing of the bias" in " ".join(summary(result))
