@@ -41,7 +41,7 @@ def design_document(proposal: Proposal, goal: Goal, sweep: Sweep, bench: Bench) 
         },
         "met": not proposal.missing,
         "missing": list(proposal.missing),
-        "said": [*_in_days(proposal, goal), *_at_most(proposal, goal)],
+        "said": [*_unasked(goal), *_in_days(proposal, goal), *_at_most(proposal, goal)],
         "proposed": _entry(proposal.best),
         "at_most": {str(number): dict(of) for number, of in proposal.at_most.total.items()},
         "with_more_time": None if proposal.with_more_time is None else _entry(proposal.with_more_time),
@@ -67,6 +67,12 @@ def _entry(candidate: Candidate) -> dict[str, Any]:
             for number, worth in candidate.worth.items()
         },
     }
+
+
+def _unasked(goal: Goal) -> Iterator[str]:
+    """Say what was preferred where nobody said how certain anything has to be."""
+    if not goal.targets:
+        yield "no uncertainty was asked for (--goal): of the shortest nights that do it is the most certain"
 
 
 def _in_days(proposal: Proposal, goal: Goal) -> Iterator[str]:

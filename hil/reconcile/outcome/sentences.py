@@ -88,7 +88,8 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
     nothing = bool(useless) and {number for effect in result.effects for number in effect.sensors} <= {*useless}
     if useless:
         said_of = f"Use nothing of {numbered('sensor', useless)}: every run FAILed by what was recorded."
-        act = said_of if nothing else f"{said_of} {act}"
+        others = numbered("sensor", [number for number in result.solved.shown if number not in useless])
+        act = said_of if nothing else f"{said_of} For {others}: {act}"
     if kind == "scatter":
         of = {n: [run for run in runs if run in beyond] for n, runs in result.left.of_sensors.get("FAIL", {}).items()}
         where = ", ".join(told for _, told in of_sensors_in_words({"FAIL": of}))
@@ -140,8 +141,7 @@ def summary(result: Reconciliation) -> list[str]:
             return ["These collects leave nothing over by which the model could be told from another."]
         if result.verdict == "none":
             how = per_temperature or " fitted to these collects"
-            off = float(np.sqrt(result.gap.standardised_after))
-            if off > _MORE_THAN_NOISE:
+            if (off := float(np.sqrt(result.gap.standardised_after))) > _MORE_THAN_NOISE:
                 held = "what was held out" if result.gap.each else "what is left"
                 noise = f"nothing that can be told from noise, though {held} is {off:.2g} times what noise should leave"
             elif at_most(result.noise) or what_to_do(result)[0] != "none":
@@ -257,8 +257,8 @@ def gap_in_words(result: Reconciliation) -> list[str]:
 
 def of_few(draws: int) -> str:
     """Say that a p of so few simulated nights is an estimate where none of these can be told; empty of enough."""
-    more = f"that others may not repeat: ask for {round(1.0 / ALPHA)} or more"
-    return f" (beyond the most unlike of so few draws it is an estimate {more})" * ((draws + 1) * ALPHA <= 1.0)
+    more = f"it is an estimate that others may not repeat: ask for {round(1.0 / ALPHA)} or more"
+    return f" (beyond the most unlike of so few draws {more})" * ((draws + 1) * ALPHA <= 1.0)
 
 
 def errors_in_words(result: Reconciliation) -> str:

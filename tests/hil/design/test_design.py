@@ -359,7 +359,9 @@ def test_the_sweep_that_is_written_is_accepted_by_the_plan(tmp_path: Path, capsy
     assert "exists already" in capsys.readouterr().err
     assert out.read_text() == before
     assert run(["design", "quick", "--sensor", "2"]) == 0
-    assert "proposed: " in capsys.readouterr().out
+    assert "proposed: 1-3-2" in (said := capsys.readouterr().out)
+    assert "no uncertainty was asked for (--goal): of the shortest nights" in said
+    assert not any("was asked for" in text for text in told["said"])
 
 
 def test_a_folder_in_the_place_of_a_sweep_is_told_its_own(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -162,7 +162,7 @@ def test_nothing_that_could_be_tested_is_said_to_be_so() -> None:
         FoundEffect("swap", "", 1.0, "named", sensors=[2], mends_labels=True),
         FoundEffect("drift", "", 1.0, "named", sensors=[2]),
     )
-    found = replace(result, tested=True, verdict="named", effects=[swap, drift])
+    found = replace(result, tested=True, verdict="named", effects=[swap, drift], solved=Solved(shown={1: None, 2: None}))
     assert what_to_do(found)[1].startswith("First see to what the record has wrong of labels and signs (below).")
     assert "First see to" not in what_to_do(replace(found, effects=[swap]))[1]
     for calibration in ("one set", "per temperature"):
@@ -170,7 +170,9 @@ def test_nothing_that_could_be_tested_is_said_to_be_so() -> None:
         told = what_to_do(replace(useless, effects=[drift], solved=Solved(temperatures=5)))[1]
         assert told == "Use nothing of sensor 2: every run FAILed by what was recorded."
     told = what_to_do(replace(found, effects=[drift], without={"runs_used_though_failed": {"1": [1]}}))[1]
-    assert told.startswith("Use nothing of sensor 1: every run FAILed by what was recorded. Use the improved model")
+    assert told.startswith(
+        "Use nothing of sensor 1: every run FAILed by what was recorded. For sensor 2: Use the improved model"
+    )
     quiet = replace(result, tested=True, **dict.fromkeys(("solved", "left"), Solved({"INCONCLUSIVE": {"2": [1, 2]}})))
     assert what_to_do(quiet)[1].startswith("First see to what hil solve does not pass (hil report says why): runs 1–2")
     assert "Nobody has to act" not in what_to_do(quiet)[1]
