@@ -1,6 +1,6 @@
 """Whether a night is good: the worst of how it was measured, how it was solved, and whether it is whole."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from hil.campaign import Campaign
@@ -11,7 +11,7 @@ from procedures.verdict import Judgement, Verdict, combine
 from procedures.words import counted
 
 
-def night_solutions(folder: Path) -> tuple[Campaign | None, list[RunSolution]]:
+def night_solutions(folder: Path) -> tuple[Campaign | None, Sequence[RunSolution]]:
     """Return a night's campaign and what `hil solve` makes of it; nothing where too little is there.
 
     Raises `Damaged` where its records are not what was written.
@@ -21,7 +21,7 @@ def night_solutions(folder: Path) -> tuple[Campaign | None, list[RunSolution]]:
     except Damaged:
         raise
     except InputError:  # or one that a later version recorded
-        return None, []
+        return None, ()
 
 
 def night_verdict(state: str, solutions: Iterable[RunSolution]) -> Judgement:

@@ -168,7 +168,7 @@ TELL_TEMPERATURE = ("setpoint_degC", "temperature_degC", "case_degC", "chamber_d
 """Columns that say at what temperature a collect was made, the first that can."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Campaign:
     """A campaign folder in memory. `warnings` names suspicious but legal input; every report repeats them.
 

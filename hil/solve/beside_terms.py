@@ -48,7 +48,7 @@ def beside_usual(
     return campaign, repeats(campaign, solve_campaign(campaign), alike), assumed
 
 
-def solve_beside(campaign: Campaign, model: Model) -> list[RunSolution]:
+def solve_beside(campaign: Campaign, model: Model) -> tuple[RunSolution, ...]:
     """Solve every run of a campaign that is `beside` a model for the model's form.
 
     Its terms have the model's values, which are not refitted.
@@ -59,7 +59,7 @@ def solve_beside(campaign: Campaign, model: Model) -> list[RunSolution]:
         terms = [f"{term.effect} as model {model.title} has it" for term, _ in model.terms_for(sensor)]
         noise = [f"noise as the file of model {model.full_title} states it"] * (sensor.number in model.noise)
         found.append(replace(each, model=model.full_title, assumed=(*each.assumed, *terms, *noise)))
-    return found
+    return tuple(found)
 
 
 def beside(campaign: Campaign, model: Model) -> Campaign:

@@ -104,9 +104,10 @@ def common_and_differential(campaign: Campaign) -> BothSensors | None:
     rotors = [number for number, rows in campaign.sensors.items() if rows.conditions.sensor.is_rotor][:2]
     if len(rotors) < 2:
         return None
-    chosen = replace(campaign, sensors={number: campaign.sensors[number] for number in rotors})
+    only = {number: campaign.sensors[number] for number in rotors}
+    chosen = campaign if [*only] == [*campaign.sensors] else replace(campaign, sensors=only)
     solved: dict[int, dict[int, FloatArray]] = {}
-    shown = repeats(chosen, every := solve_campaign(chosen, "matrix-6"))
+    shown = repeats(chosen, every := solve_campaign(chosen))
     solutions = [each for each in every if each.runs[0] in shown[each.sensor].of_each]
     for each in solutions:
         pairs = [(e.value, math.nan if e.se is None else e.se) for e in each.by_noise(each.left.deg_per_hr).values()]

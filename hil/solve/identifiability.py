@@ -79,8 +79,8 @@ def whitener(conditions: Conditions, sigma: FloatArray, columns: FloatArray, fro
 
 
 def unit_columns(columns: FloatArray) -> FloatArray:
-    """Return the columns (N, p), each of norm one; a column of zeros stays as it is."""
-    norms = np.linalg.norm(columns, axis=0)
+    """Return the columns (..., N, p), each of norm one; a column of zeros stays as it is."""
+    norms = np.linalg.norm(columns, axis=-2, keepdims=True)
     return np.asarray(columns / np.where(norms > 0.0, norms, 1.0))
 
 
@@ -88,12 +88,13 @@ def orthonormal(columns: FloatArray, tolerance: float = RANK_TOLERANCE, *, scale
     """Return an orthonormal basis (N, r) of what the columns (N, p) span; r may be less than p, or zero.
 
     Directions weaker than `tolerance` are none. They are weighed after scaling every column to unit norm; with `scale`,
-    against that norm instead.
+    against that norm instead. Of several, (..., N, p), they are zero: (..., N, p).
     """
     if scale is None:
         columns, scale = unit_columns(columns), 1.0
     left, singular, _ = np.linalg.svd(columns, full_matrices=False)
-    return np.asarray(left[:, singular > tolerance * scale])
+    usable = singular > tolerance * scale
+    return np.asarray(left[:, usable] if usable.ndim == 1 else left * usable[..., None, :])
 
 
 def project_out(base: FloatArray, columns: FloatArray) -> FloatArray:

@@ -13,7 +13,7 @@ whether the standard errors are small enough to say anything (`hil.solve.precisi
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -134,7 +134,10 @@ class RunSolution:
         return self.judged.verdict is Verdict.FAIL
 
 
-def solve_campaign(campaign: Campaign, model_name: str | None = None, sensor: int | None = None) -> list[RunSolution]:
+@lru_cache(maxsize=4)
+def solve_campaign(
+    campaign: Campaign, model_name: str | None = None, sensor: int | None = None
+) -> tuple[RunSolution, ...]:
     """Solve every run of every sensor, or of one, in the order of runs, then sensors.
 
     `model_name` None takes each run's default: matrix-6 for rotor sensors, triad-12 for triads whose positions allow
@@ -168,7 +171,7 @@ def solve_campaign(campaign: Campaign, model_name: str | None = None, sensor: in
             assumed = (*each.assumed, *beside.assumed(each.runs, compared=bool(apart)))
             of_run = replace(each, beside=(*each.beside, *apart, judged), assumed=assumed)
             found.append(replace(of_run, between=between, left=left))
-    return sorted(found, key=lambda each: (each.runs[0], each.sensor))
+    return tuple(sorted(found, key=lambda each: (each.runs[0], each.sensor)))
 
 
 def _noise_of(own: Sequence[RunSolution], beside: BesideRuns) -> Left:

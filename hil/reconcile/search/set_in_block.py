@@ -185,8 +185,9 @@ class Sets:
                 (e, size, top), still = self._farther(some, best, (np.argmax(heights + prior, axis=1), free)), still[:0]
             climbing, e, size = (each[top > least] for each in (some, e, size))
             best[climbing, e] = size
-            heights[climbing] = self.hold(climbing, best[climbing])
-            near[climbing], about[climbing] = self._about(climbing, best, heights)
+            if len(climbing):
+                heights[climbing] = self.hold(climbing, best[climbing])
+                near[climbing], about[climbing] = self._about(climbing, best, heights)
         return best, heights, near, about
 
     def _farther(self, some: IntArray, best: IntArray, at: Iterable[IntArray]) -> tuple[IntArray, IntArray, FloatArray]:

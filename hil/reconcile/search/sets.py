@@ -84,9 +84,11 @@ class SensorSearch:
             free += [block.at_each_temperature(block.values)] * search.noise.calibrated
             basis = orthonormal(np.hstack(free))
             left = project_out(basis, block.y[:, None])[:, 0] / float(np.mean(block.sigma))
-            for t, part in ((t, p) for t, j in enumerate(places) if (p := self.terms[j].parts[b]) is not None):
-                own = orthonormal(project_out(basis, part.columns))
-                out[t] += float(np.sum((own.T @ left) ** 2))
+            parts = {t: part.columns for t, j in enumerate(places) if (part := self.terms[j].parts[b]) is not None}
+            for wide in {own.shape[1] for own in parts.values()}:
+                here = [t for t, own in parts.items() if own.shape[1] == wide]
+                own = orthonormal(project_out(basis, np.array([parts[t] for t in here])))
+                out[here] += np.sum((left @ own) ** 2, axis=1)
         return out
 
     def forget(self) -> None:
