@@ -162,7 +162,8 @@ def test_nothing_that_could_be_tested_is_said_to_be_so() -> None:
         FoundEffect("swap", "", 1.0, "named", sensors=[2], mends_labels=True),
         FoundEffect("drift", "", 1.0, "named", sensors=[2]),
     )
-    found = replace(result, tested=True, verdict="named", effects=[swap, drift], solved=Solved(shown={1: None, 2: None}))
+    both = Solved(shown={1: None, 2: None})
+    found = replace(result, tested=True, verdict="named", effects=[swap, drift], solved=both)
     assert what_to_do(found)[1].startswith("First see to what the record has wrong of labels and signs (below).")
     assert "First see to" not in what_to_do(replace(found, effects=[swap]))[1]
     for calibration in ("one set", "per temperature"):
