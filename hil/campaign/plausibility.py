@@ -151,14 +151,13 @@ def _copies(campaign: Campaign) -> Iterator[_Found]:
             if len(of) > 1:
                 yield [*dict.fromkeys(of.values())], np.isfinite(column), f"{listed(of)} show the very same rates"
     for number, collects in () if campaign.rebuilt else campaign.sensors.items():
-        rates = collects.rates_deg_per_hr
-        if np.isnan(collects.rates_se_deg_per_hr).all():
-            continue
-        known = np.isfinite(rates).all(axis=1)
+        rates, errors = collects.rates_deg_per_hr, collects.rates_se_deg_per_hr
+        known = np.isfinite(rates).all(axis=1) & np.any(errors > 0.0)
         _, first, times = np.unique(rates[known], axis=0, return_inverse=True, return_counts=True)
         twice = np.zeros_like(known)
         twice[known] = (times > 1)[first.ravel()]
-        if np.any([twice & _by_no_chance(collects, channel) for channel in range(rates.shape[1])]):
+        twice &= np.any([_by_no_chance(*own) for own in zip(rates.T, map(_least, errors.T), strict=True)], axis=0)
+        if twice.any():
             yield [collects], twice, f"sensor {number}: show the very same rates: one was copied from another"
 
 
@@ -169,9 +168,13 @@ def clipped(collects: Collects) -> Iterator[tuple[int, BoolArray, str]]:
     """
     for channel, rates in enumerate(collects.rates_deg_per_hr.T):
         name = f"sensor {collects.conditions.sensor.number}: {[*collects.conditions.sensor.channels][channel]}"
-        telling, at_level = _by_no_chance(collects, channel), dict[float, list[IntArray]]()
-        moving, errors = np.isfinite(rates), collects.rates_se_deg_per_hr[:, channel]
-        least = np.min(errors, where=errors > 0.0, initial=np.inf)
+        moving, at_level = np.isfinite(rates), dict[float, list[IntArray]]()
+        least = _least(collects.rates_se_deg_per_hr[:, channel])
+        if not np.isfinite(least):  # of noise that nobody states it is known that collects of a run differ by more
+            runs = (rates[rows[moving[rows]]] for rows in collects.conditions.of_each_run.values())
+            least = _least(np.array([np.ptp(own) for own in runs if len(own)]))
+        by_digits = _by_no_chance(rates, least)
+        telling = by_digits | (rates == 0.0)
         # What is written in digits far finer than noise no other rates of a run show by chance, too.
         finely = moving.any() and np.isfinite(least) and digit(rates) < _FINE * least
         known = telling | (moving & bool(finely))
@@ -189,6 +192,7 @@ def clipped(collects: Collects) -> Iterator[tuple[int, BoolArray, str]]:
         for level, stuck in at_level.items():
             here = np.zeros(len(rates), bool)
             here[np.concatenate(stuck)] = True
+            here |= by_digits & (rates == level)  # from the middle of a run on, or up to it
             moving &= ~here
             yield channel, here, f"{name}: every rate is exactly {level + 0.0:g}: nothing was measured"
         levels, counts = np.unique(rates[moving], return_counts=True)
@@ -198,12 +202,18 @@ def clipped(collects: Collects) -> Iterator[tuple[int, BoolArray, str]]:
                 yield channel, rates == levels[end], words
 
 
-def _by_no_chance(collects: Collects, channel: int) -> BoolArray:
-    """Return the rows (n,) whose rate has more digits than two averages have in common by chance, or is exactly 0."""
-    rates, errors = collects.rates_deg_per_hr[:, channel], collects.rates_se_deg_per_hr[:, channel]
-    least = np.min(errors, where=errors > 0.0, initial=np.inf)
-    in_steps = rates / 10.0 ** np.ceil(np.log10(least / _DIGITS))  # 0 where no error is stated
-    return np.asarray((rates == 0.0) | (np.abs(in_steps - np.round(in_steps)) > _ROUNDING))
+def _least(errors: FloatArray) -> float:
+    """Return the smallest of some errors (n,) that is one, infinity where none is."""
+    return float(np.min(errors, where=errors > 0.0, initial=np.inf))
+
+
+def _by_no_chance(rates: FloatArray, least: float) -> BoolArray:
+    """Return the rows (n,) whose rate has more digits than two averages have in common by chance.
+
+    Of noise that is `least` at least, deg/hr; where nobody knows, it is infinite, and none has.
+    """
+    in_steps = rates / 10.0 ** np.ceil(np.log10(least / _DIGITS))
+    return np.asarray(np.abs(in_steps - np.round(in_steps)) > _ROUNDING)
 
 
 def unclipped(collects: Collects) -> Collects:
