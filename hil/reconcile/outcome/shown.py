@@ -9,6 +9,7 @@ from hil.campaign import Campaign
 from hil.model import Model
 from hil.model.effects.catalogue import SERIES_EFFECTS
 from hil.model.effects.catalogue import named as known_as
+from hil.model.effects.document import shape_in_words
 from hil.reconcile.follows import unasked
 from hil.reconcile.inside import named_within
 from hil.reconcile.naming import LIKELY
@@ -55,7 +56,7 @@ def shown(campaign: Campaign, found: Answer) -> Reconciliation:
     notes = [*found.problem.campaign.warnings, *in_words(beside), *found.problem.notes]
     notes += in_words({"rows": found.rows}, searched=True)
     notes += findings.laws_that_fail(fit, found.problem.sensors)
-    notes += [*_only_together(found), *_otherwise_asked(results, found.solved)]
+    notes += [*_only_together(found), *_otherwise_asked(results, found.solved), *_at_an_end(found, results)]
     notes += [] if both is None else both.together
     notes += [f"what is known taken off: {each}" for each in found.left.reasons if found.left != found.solved]
     notes += [f"sensor {n}: {said}" for n, each in found.left.shown.items() for said in each.between.off_a_curve]
@@ -159,6 +160,18 @@ def _otherwise_asked(results: Sequence[FoundEffect], solved: Solved) -> Iterator
             "parameter whether its curve predicts a temperature that was left out, and may call constant what is told "
             "here"
         )
+
+
+def _at_an_end(found: Answer, results: Sequence[FoundEffect]) -> Iterator[str]:
+    """Say which time constants and widths may lie beyond all that were tried: their errors are of those alone."""
+    for named, result in zip(found.names, results, strict=True):
+        for shape in (of for of in (named.effect.shapes if named.effect else ()) if of.continuous):
+            for number, first in result.shapes.items():
+                may_be = [each.may_be.get(shape.name, [each.values[shape.name]]) for each in (first, *first.more)]
+                least, most = min(map(min, may_be)), max(map(max, may_be))
+                for end in [least] * (least < shape.grid[0]) + [most] * (most > shape.grid[-1]):
+                    last = f"{shape_in_words({shape.name: float(f'{end:.3g}')})} is the last that was tried"
+                    yield f"{result.id}, sensor {number}: {last}: what lies beyond it is in no ±"
 
 
 def _may_be_too(found: Answer) -> Iterator[str]:

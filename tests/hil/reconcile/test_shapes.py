@@ -129,3 +129,14 @@ def test_a_step_has_the_temperatures_of_the_runs_in_which_it_is() -> None:
     settled, open_ = (replace(jump, shapes={2: Shape({"run": 8.0}, may_be)}) for may_be in ({}, {"run": [8, 9]}))
     assert errors_in_words(replace(result, effects=[settled])) == "every ± is one standard error"
     assert "of a parameter over all shapes" in errors_in_words(replace(result, effects=[open_]))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("tau_min", "ends"), [(30.0, 0), (200.0, 1)])
+def test_a_time_constant_at_the_end_of_what_was_tried_is_said_to_be_that(tau_min: float, ends: int) -> None:
+    """A warm-up slower than any was stated as 114 to 128 min, and its size by several times its error too small."""
+    night = hidden_campaign(3, lambda rows: both(np.exp(-rows.start_s / (60.0 * tau_min)), 60.0, -45.0), runs_each=3)
+    result = reconcile(night, "matrix-6-thermal", prove=False)
+    assert result.effects[0].id == "warmup"
+    last = "warmup, sensor 2: time constant 128 min is the last that was tried: what lies beyond it is in no ±"
+    assert [note for note in result.notes if "that was tried" in note] == [last] * ends
