@@ -182,6 +182,7 @@ class Campaign:
     on `despite`. Where it is `rebuilt` from printed means, rows that were not printed are copies of others;
     parameters that nobody measured or printed, so that its rates were made without them, are `taken_as_zero`.
     `run_scatter` is by sensor and parameter what a model that is read beside it states to scatter from run to run.
+    Two campaigns are the same where they are one object: what was asked of one is remembered by that.
     """
 
     title: str

@@ -152,7 +152,7 @@ def _copies(campaign: Campaign) -> Iterator[_Found]:
                 yield [*dict.fromkeys(of.values())], np.isfinite(column), f"{listed(of)} show the very same rates"
     for number, collects in () if campaign.rebuilt else campaign.sensors.items():
         rates, errors = collects.rates_deg_per_hr, collects.rates_se_deg_per_hr
-        known = np.isfinite(rates).all(axis=1) & np.any(errors > 0.0)
+        known = np.isfinite(rates).all(axis=1)
         _, first, times = np.unique(rates[known], axis=0, return_inverse=True, return_counts=True)
         twice = np.zeros_like(known)
         twice[known] = (times > 1)[first.ravel()]
@@ -169,10 +169,10 @@ def clipped(collects: Collects) -> Iterator[tuple[int, BoolArray, str]]:
     for channel, rates in enumerate(collects.rates_deg_per_hr.T):
         name = f"sensor {collects.conditions.sensor.number}: {[*collects.conditions.sensor.channels][channel]}"
         moving, at_level = np.isfinite(rates), dict[float, list[IntArray]]()
-        least = _least(collects.rates_se_deg_per_hr[:, channel])
-        if not np.isfinite(least):  # of noise that nobody states it is known that collects of a run differ by more
+        least, turned = _least(collects.rates_se_deg_per_hr[:, channel]), 1
+        if not np.isfinite(least):  # of noise that nobody states it is known that poses of a run differ by more
             runs = (rates[rows[moving[rows]]] for rows in collects.conditions.of_each_run.values())
-            least = _least(np.array([np.ptp(own) for own in runs if len(own)]))
+            least, turned = _least(np.array([np.ptp(own) for own in runs if len(own)])), 2
         by_digits = _by_no_chance(rates, least)
         telling = by_digits | (rates == 0.0)
         # What is written in digits far finer than noise no other rates of a run show by chance, too.
@@ -180,7 +180,8 @@ def clipped(collects: Collects) -> Iterator[tuple[int, BoolArray, str]]:
         known = telling | (moving & bool(finely))
         for own in collects.conditions.of_each_run.values():
             rows = own[known[own]]
-            if len(rows) >= _SAME_ROWS and np.ptp(rates[rows]) == 0.0:
+            poses = len(np.unique(collects.conditions.position[rows]))
+            if len(rows) >= _SAME_ROWS and poses >= turned and np.ptp(rates[rows]) == 0.0:
                 at_level.setdefault(float(rates[rows[0]]), []).append(rows)
         for level, of in [*at_level.items()]:
             # A round value that runs show beside others, or that is the channel's extreme, is a limit.

@@ -167,9 +167,10 @@ def _at_an_end(found: Answer, results: Sequence[FoundEffect]) -> Iterator[str]:
     for named, result in zip(found.names, results, strict=True):
         for shape in (of for of in (named.effect.shapes if named.effect else ()) if of.continuous):
             for number, first in result.shapes.items():
-                may_be = [each.may_be.get(shape.name, [each.values[shape.name]]) for each in (first, *first.more)]
-                least, most = min(map(min, may_be)), max(map(max, may_be))
-                for end in [least] * (least < shape.grid[0]) + [most] * (most > shape.grid[-1]):
+                own = [each for each in (first, *first.more) if shape.name in each.values]
+                may_be = sorted(v for of in own for v in of.may_be.get(shape.name, [of.values[shape.name]]))
+                below, above = [v for v in may_be if v < shape.grid[0]], [v for v in may_be if v > shape.grid[-1]]
+                for end in (*below[:1], *above[-1:]):
                     last = f"{shape_in_words({shape.name: float(f'{end:.3g}')})} is the last that was tried"
                     yield f"{result.id}, sensor {number}: {last}: what lies beyond it is in no ±"
 

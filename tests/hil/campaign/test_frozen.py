@@ -49,6 +49,22 @@ def test_averages_in_coarse_steps_are_not_frozen(digit: float, seed: int) -> Non
         assert _as_filed(one, np.round(rates / digit) * digit, stated=False).contradicted == {}
 
 
+@pytest.mark.parametrize("order", [(0, 0, 0), (0, 1, 2), (0, 0, 0, 1, 1, 1, 2, 2, 2)])
+def test_a_quiet_unit_is_not_frozen(order: tuple[int, ...]) -> None:
+    """In one pose, in poses that it does not feel, or in the first pose of a night that ended there.
+
+    Its bias is another in each run, in which it shows one value: in the steps in which that is written.
+    """
+    one = repeated(12, 3, order)
+    rows, run = one.sensors[2], one.sensors[2].conditions.run
+    quiet = np.repeat(np.median(rows.rates_deg_per_hr.reshape(12, -1, 2), axis=0)[::3], 3, axis=0)
+    rates = np.tile(quiet, (12, 1)) + np.random.default_rng(4).normal(0.0, 3.0, (12, 2))[run - 1]
+    rates += np.random.default_rng(5).normal(0.0, 0.015, rates.shape)
+    there = rows.rows((run < 12) | (np.arange(len(run)) < 11 * len(order) + 3))
+    ended = replace(one, sensors={2: there})
+    assert _as_filed(ended, np.round(rates[: len(there)], 1), stated=False).contradicted == {}
+
+
 def test_a_rate_of_0_is_one_in_coarse_steps_though_the_channel_dies_later() -> None:
     """Of a value that has no digits no single collect is known to be dead."""
     one = campaign(12, 3, seed=1)

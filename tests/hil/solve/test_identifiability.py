@@ -167,3 +167,15 @@ def test_flattened_rows_are_collect_by_collect() -> None:
     """(n, c, p) to (n·c, p): the channels of a collect stand together, as in run_covariance."""
     conditions = replace(campaign(temperatures=(0.0,), runs_each=1))
     assert np.array_equal(flattened(mu_columns(conditions))[4], mu_columns(conditions)[2, 0])
+
+
+def test_of_several_each_has_the_basis_that_it_has_alone() -> None:
+    """Directions that are combinations of others are zero there, as none: they explain nothing of any rate."""
+    several = np.random.default_rng(3).normal(size=(3, 6, 2))
+    several[1, :, 1], several[2, :, 0] = -2.0 * several[1, :, 0], 0.0
+    found = orthonormal(several)
+    assert found.shape == (3, 6, 2)
+    for own, basis in zip(several, found, strict=True):
+        alone = orthonormal(own)
+        assert np.allclose(basis @ basis.T, alone @ alone.T)
+        assert np.count_nonzero(np.any(basis, axis=0)) == alone.shape[1]
